@@ -9,23 +9,26 @@ import bpy
 import numpy as np
 
 from ..core.body.sides import BODY_SIDES
+from ..core.posing.character import BONES, FINGER_BONES
+from ..core.retarget.matching import LIMBS
 from .armature import rotation_channel
 
 STRAIGHT_PART = 0.1  # physical: of a bone's length; a joint that is less aside bends this way and that
-LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
 # What controls by IK are called where one by FK has these words: of hands, feet and toes, and the poles.
 BY_IK = (("fk", "ik"), ("FK", "IK"))
 POLES = (("_fk", "_ik_target"), ("thigh_fk", "leg_pole"), ("arm_fk", "arms_pole"))
+ABOVE = {bone.name: bone.parent for bone in (*BONES, *FINGER_BONES)}
 NOT_ASIDE = 1e-9  # m; a limb that never bends has no way to bend to
 
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """A control by IK that goes along with what is moved by FK.
+    """What goes along with bones that are moved by FK: a control by IK, or a loose bone with what it is loose from.
 
     bone      its name
     limb      indices of the bones that it goes with: an end's one, of a pole those of its limb
-    carrier   and of what carries it, -1 for nothing
+    carrier   and of what carries where it is, -1 for nothing
+    turner    and of what it turns with, -1 for nothing
     mode      how it turns
     matrix    (4, 4) where it is at rest
     steps     (3, 3) how far it goes for a unit of each of its location's channels
@@ -34,6 +37,7 @@ class Along:
     bone: str
     limb: tuple[int, ...]
     carrier: int
+    turner: int
     mode: str
     matrix: np.ndarray
     steps: np.ndarray
@@ -49,10 +53,12 @@ class Along:
             upper, lower, end = (heads[:, at] for at in self.limb)
             far = np.linalg.norm(place - rest[self.limb[1]])
             goal = lower + far * _aside(upper, lower, end, turns[:, self.limb[0]])
-        back = turns[:, self.carrier].swapaxes(1, 2) if self.carrier >= 0 else np.eye(3)[None]
+        back, unturned = (
+            turns[:, at].swapaxes(1, 2) if at >= 0 else np.eye(3)[None] for at in (self.carrier, self.turner)
+        )
         yield self.bone, "location", (back @ (goal - by)[..., None])[..., 0] @ np.linalg.inv(self.steps)
         if len(self.limb) == 1:
-            yield self.bone, *rotation_channel(self.mode, own.T @ back @ turns[:, self.limb[0]] @ own)
+            yield self.bone, *rotation_channel(self.mode, own.T @ unturned @ turns[:, self.limb[0]] @ own)
 
 
 def controls_by_ik(rig: bpy.types.Object, bones: list[tuple[str, str]]) -> list[tuple[str, tuple[int, ...]]]:
@@ -73,6 +79,21 @@ def controls_by_ik(rig: bpy.types.Object, bones: list[tuple[str, str]]) -> list[
         several = {names[at].replace(*words) for words in BY_IK} - {names[at]}
         found |= {name: (at,) for name in several if name in rig.pose.bones}
     return list(found.items())
+
+
+def loose_bones(parts: Sequence[str], carriers: np.ndarray) -> dict[int, int]:
+    """Those of a rig's bones that do not hang on what they do in a body, by `carriers`; with that, both indices."""
+    at, loose = {part: index for index, part in enumerate(parts)}, {}
+    for index, part in enumerate(parts):
+        above = ABOVE.get(part)
+        while above is not None and above not in at:
+            above = ABOVE[above]
+        way = index
+        while above is not None and way not in (at[above], -1):
+            way = carriers[way]
+        if way < 0:
+            loose[index] = at[above]
+    return loose
 
 
 def carriers_of(follows: np.ndarray, count: int, limbs: Sequence[tuple[int, ...]], goes: Sequence[bool]) -> list[int]:

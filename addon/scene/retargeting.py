@@ -14,15 +14,16 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from ..core.body.sides import BODY_SIDES
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
-from ..core.retarget.matching import NO_CONTROLS, PARTS, RestBones
-from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget
+from ..core.retarget.matching import LIMBS, NO_CONTROLS, PARTS, RestBones
+from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget, stands
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
 from .clock import fps_of, refresh_frame
-from .ik_controls import Along, carriers_of, controls_by_ik
+from .ik_controls import Along, carriers_of, controls_by_ik, loose_bones
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .roots import is_even
 from .stored import Stored
@@ -30,13 +31,17 @@ from .stored import Stored
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
 SWITCHES |= {"pole_vector": 1.0}  # and limbs by IK, which go along, bend towards their poles
+BLENRIG_SWITCHES = {f"{name}_{side}": 1.0 for name in ("ik_arm", "ik_leg", "space_hand") for side in BODY_SIDES}
 # Constraints that hold a bone from turning by itself.
-HOLDING = {"IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO", "LOCKED_TRACK"}
+HOLDING = {"IK", "SPLINE_IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO", "LOCKED_TRACK"}
+HOLDING |= {"STRETCH_TO", "LIMIT_ROTATION", "LIMIT_LOCATION"}
 KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
+TURNED_PARTS = "hips", *LIMBS[0][:2], *LIMBS[1][:2]  # without which a body does not move as another
 MATCHED = "mocap_matched"  # on an action: the bones of its rig, by the parts of the body that they are
 SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
+MOST_OFF = 0.01  # rad that a bone may be from where it is turned
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
 
@@ -141,7 +146,7 @@ def follow_actions(*_, give_back: bool = True):
 
 def _switched_to(path: str) -> float | None:
     """What our actions switch a path of a rig to."""
-    return 0.0 if path.endswith(".influence") else SWITCHES.get(path.rpartition("[")[2][1:-2])
+    return 0.0 if path.endswith(".influence") else (SWITCHES | BLENRIG_SWITCHES).get(path.rpartition("[")[2][1:-2])
 
 
 def _value(rig: bpy.types.Object, path: str) -> float | None:
@@ -179,23 +184,26 @@ class KeptPose:
     channels  of each of the bones, the values of `BONE_CHANNELS`
     switched  bones with the paths of what is switched, what to, and from what
     former    what influences that are nothing were before that, by their paths
+    strips    whether an action takes the place of what strips pose
     shown     its pose position
     """
 
     channels: dict[str, list]
     switched: list[tuple[str, str, float, float]]
     former: dict[str, float]
+    strips: bool
     shown: str
 
     @classmethod
-    def of(cls, rig: bpy.types.Object, names: Iterable[str], turned: Iterable[str]) -> "KeptPose":
+    def of(cls, rig: bpy.types.Object, names: Iterable[str], turned: Sequence[str]) -> "KeptPose":
         """That of the bones of these names; nothing is to hold those that are turned."""
         channels = {name: [getattr(rig.pose.bones[name], one)[:] for one in BONE_CHANNELS] for name in names}
         bones, driven = rig.pose.bones, {one.data_path for one in getattr(rig.animation_data, "drivers", ())}
+        switches = SWITCHES | (BLENRIG_SWITCHES if "master_torso" in turned else {})
         switched = [
-            (bone.name, f'{bone_path(bone.name, "")[:-1]}["{name}"]', SWITCHES[name], bone[name])
+            (bone.name, f'{bone_path(bone.name, "")[:-1]}["{name}"]', switches[name], bone[name])
             for bone in bones
-            for name in SWITCHES.keys() & bone.keys()
+            for name in switches.keys() & bone.keys()
         ]
         former = _former(rig)
         for bone in turned:
@@ -204,7 +212,9 @@ class KeptPose:
                 held_by = held.influence or path in former
                 if held_by and path not in driven and path.replace(".influence", ".mute") not in driven:
                     switched.append((bone, path, 0.0, held.influence))
-        return cls(channels, switched, former, rig.data.pose_position)
+        data = rig.animation_data
+        strips = data is not None and data.use_nla and bool(data.nla_tracks) and data.action_blend_type == "REPLACE"
+        return cls(channels, switched, former, strips, rig.data.pose_position)
 
     @property
     def noted(self) -> dict[str, float]:
@@ -251,11 +261,12 @@ class ReadyRig:
     mover     the name of the one whose location moves all: the first, or what that is connected to
     resting   the names of those that stay as at rest, because they would turn the others
     rest      what they are, and where, in the axes of a character
+    turners   (C,) index of the one that each turns with, -1 for none of them
     place     (4, 4) where it stands
     axes      (3, 3) of a character in its own, and
     matrices  (C, 4, 4) its bones at rest in its own
     steps     (3, 3) how far the first one goes there for a unit of each channel of the mover's location
-    along     the controls by IK that go along
+    along     the controls by IK that go along, and those of its bones that nothing carries
     before    what those bones had
     """
 
@@ -264,6 +275,7 @@ class ReadyRig:
     mover: str
     resting: list[str]
     rest: Rig
+    turners: np.ndarray
     place: np.ndarray
     axes: np.ndarray
     matrices: np.ndarray
@@ -275,7 +287,8 @@ class ReadyRig:
     def of(cls, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray) -> "ReadyRig":
         """Readies a rig, by the parts that its bones are: it is in pose position, switched to FK, and unturned.
 
-        InputError, and the rig as it was, where its first bone does not go where it is put.
+        What drivers or constraints turn is left out. InputError, and the rig as it was, where hips do not go where they
+        are put, one of `TURNED_PARTS` does not turn so, or it does not stand at rest.
         """
         parts, names = zip(*bones, strict=True)
         mover = rig.data.bones[names[0]]
@@ -285,34 +298,54 @@ class ReadyRig:
         movers, count = [mover.name, *(name for name, _ in found)], len(names)
         resting = [one for one in KEPT_AT_REST if "torso" in names and one not in names and one in rig.pose.bones]
         resting += [mover.name] * (mover.name not in names)
-        before = KeptPose.of(rig, [*names, *movers, *resting], names)
+        modes = {name: rig.pose.bones[name].rotation_mode for name in (*names, *movers, *resting)}
+        before = KeptPose.of(rig, list(modes), names)
         before.switch(rig)
         with before.or_put_back(rig):
             with _without_action(rig), _alone(rig) as layer:
                 for name in {mover.name, *resting}:
                     rig.pose.bones[name].matrix_basis = Matrix()
-                follows, matrices, steps = _probe(layer, rig, names, movers)
+                turners, carriers, matrices, turn_off = _probe(layer, rig, [*names, *movers[1:]], mover.name)
+                loose = loose_bones(parts, carriers)
+                found += [(names[at], (at,)) for at in loose]
+                steps = _steps(layer, rig, [(mover.name, names[0]), *((name, name) for name, _ in found)])
             goes = np.linalg.svd(steps, compute_uv=False)[:, -1] >= LEAST_STEP
             if not goes[0]:
                 raise InputError(
                     f"{names[0]} of {rig.name} does not go where it is put; expected it without constraints"
                 )
-            carriers = carriers_of(follows, count, [limb for _, limb in found], goes[1:])
+            off = np.flatnonzero(turn_off[:count] > MOST_OFF).tolist()
+            if held := [names[at] for at in off if parts[at].partition(".")[0] in TURNED_PARTS]:
+                raise InputError(
+                    f"{held[0]} of {rig.name} does not turn as it is put; expected it without drivers and constraints"
+                )
+            if off:
+                before.put_back(rig)
+                return cls.of(rig, [bone for at, bone in enumerate(bones) if at not in off], place)
+            by = carriers_of(turners, count, [limb for _, limb in found], goes[1:])
+            by, turn_with = [*by, *carriers[list(loose)]], [*by, *turners[list(loose)]]
+            places = [*range(count, len(turners)), *loose]
             along = [
-                Along(name, limb, carriers[at], rig.pose.bones[name].rotation_mode, matrices[count + at], steps[1 + at])
+                Along(name, limb, by[at], turn_with[at], modes[name], matrices[places[at]], steps[1 + at])
                 for at, (name, limb) in enumerate(found)
                 if goes[1 + at]
             ]
-            before.pose(rig, {name for name, _ in found} - {one.bone for one in along})
-            follows, matrices = follows[:count], matrices[:count]
+            going = {one.bone for one in along}
+            before.pose(rig, set(movers[1:]) - going)
+            carriers = np.array([loose[at] if names[at] in going else carriers[at] for at in range(count)])
+            matrices = matrices[:count]
             axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=True)})
+            if not stands(dict(zip(parts, matrices[:, :3, 3] @ axes, strict=True))):
+                raise InputError(
+                    f"{rig.name} does not stand at rest; expected its head over its hips, and these over its knees"
+                )
         unit = np.linalg.norm(place[:3, :3], axis=0).mean()
         heads = matrices[:, :3, 3] @ axes * unit
-        lengths = np.array([rig.data.bones[bone].length for bone in names])[:, None]
-        tails = heads + matrices[:, :3, 1] @ axes * unit * lengths
-        modes = {name: rig.pose.bones[name].rotation_mode for name in (*names, *resting)}
-        rest = Rig(parts, follows, heads, tails)
-        return cls(names, modes, mover.name, resting, rest, place, axes, matrices, steps[0], along, before)
+        ends = np.array([_end(rig.data.bones[bone], part) for part, bone in bones])
+        tails = heads + (matrices[:, :3, :3] @ ends[..., None])[..., 0] @ axes * unit
+        rest = Rig(parts, carriers, heads, tails)
+        at_rest = rest, turners[:count], place, axes, matrices
+        return cls(names, modes, mover.name, resting, *at_rest, steps[0], along, before)
 
     def channels(self, turns: np.ndarray, hips: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
         """The bones with the channels that move them, (F, …), by what `retarget` says."""
@@ -322,13 +355,16 @@ class ReadyRig:
         heads = (heads - self.place[:3, 3]) @ np.linalg.inv(self.place[:3, :3]).T
         yield self.mover, "location", (heads[:, 0] - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
         for index, bone in enumerate(self.bones):
-            above, own = self.rest.follows[index], self.matrices[index, :3, :3]
+            if bone in [one.bone for one in self.along]:
+                continue
+            above, own = self.turners[index], self.matrices[index, :3, :3]
             carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
             yield bone, *rotation_channel(self.modes[bone], carried @ turns[:, index] @ own)
         for bone in self.resting:
-            if bone != self.mover:
-                yield bone, "location", np.zeros((len(hips), 3))
             yield bone, *rotation_channel(self.modes[bone], np.tile(np.eye(3), (len(hips), 1, 1)))
+        for bone in (*self.resting, *(self.bones if self.before.strips else ())):
+            if bone not in (self.mover, *(one.bone for one in self.along)):
+                yield bone, "location", np.zeros((len(hips), 3))
             yield bone, "scale", np.ones((len(hips), 3))
         for control in self.along:
             yield from control.channels(heads, turns, self.matrices[:, :3, 3])
@@ -353,6 +389,15 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     if twice := [bone for number, (_, bone) in enumerate(found) if bone in [one for _, one in found[:number]]]:
         raise InputError(f"{twice[0]} of {rig.name} stands for two parts of the body; expected a bone for each")
     return found
+
+
+def _end(bone: bpy.types.Bone, part: str) -> Vector:
+    """Where a bone ends in its own axes; a foot whose toes are apart where they begin."""
+    end, toes = Vector((0, bone.length, 0)), bone.children
+    if part.startswith("foot") and len(toes) > 1:
+        begin = bone.matrix_local.inverted() @ (sum((toe.head_local for toe in toes), Vector()) / len(toes))
+        end = max(end, begin, key=lambda place: place.length)
+    return end
 
 
 def _set(rig: bpy.types.Object, path: str, value: float):
@@ -393,14 +438,18 @@ def _own_action(rig: bpy.types.Object, collection: bpy.types.Collection, name: s
 
 @contextmanager
 def _without_action(rig: bpy.types.Object) -> Iterator[None]:
-    """Lets a rig be posed without its action, which would pose it otherwise."""
+    """Lets a rig be posed without its action and strips, which would pose it otherwise."""
     data = rig.animation_data
-    action, slot = (None, None) if data is None else (data.action, data.action_slot)
+    action, slot, strips = (None, None, False) if data is None else (data.action, data.action_slot, data.use_nla)
     if action is not None:
         data.action = None
+    if strips:
+        data.use_nla = False
     try:
         yield
     finally:
+        if strips:
+            data.use_nla = True
         if action is not None:
             data.action, data.action_slot = action, slot
 
@@ -418,52 +467,67 @@ def _alone(rig: bpy.types.Object) -> Iterator[bpy.types.ViewLayer]:
         bpy.data.scenes.remove(scene)
 
 
-def _probe(
-    layer: bpy.types.ViewLayer, rig: bpy.types.Object, names: Sequence[str], movers: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What carries each of C bones and all but the first of the movers, -1 for none; and where these are unturned.
+def _shown(layer: bpy.types.ViewLayer, rig: bpy.types.Object, names: Sequence[str]) -> np.ndarray:
+    """(C, 4, 4) where bones are as a view layer has the rig, in the armature's axes."""
+    rig.update_tag()
+    layer.update()
+    found = rig.evaluated_get(layer.depsgraph).pose.bones
+    return np.array([found[name].matrix for name in names])
 
-    As the view layer has the rig. The last, (…, 4, 4), in the armature's axes. And (1 + K, 3, 3) how far the first bone
-    goes there for a unit of each channel of the first mover's location, and the K others for their own. Leaves them
-    unturned.
-    """
-    bones = [rig.pose.bones[name] for name in (*names, *movers[1:])]
 
-    def shown() -> np.ndarray:
-        rig.update_tag()
-        layer.update()
-        found = rig.evaluated_get(layer.depsgraph).pose.bones
-        return np.array([found[bone.name].matrix for bone in bones])
-
-    def posed(basis: list[Matrix]) -> np.ndarray:
-        for bone, matrix in zip(bones, basis, strict=True):
-            bone.matrix_basis = matrix
-        return shown()
-
-    still = [Matrix()] * len(bones)
-    rest = posed(still)
-    steps = np.zeros((len(movers), 3, 3))
-    for number, mover in enumerate(movers):
-        at = 0 if number == 0 else len(names) + number - 1
+def _steps(layer: bpy.types.ViewLayer, rig: bpy.types.Object, moved: Sequence[tuple[str, str]]) -> np.ndarray:
+    """(K, 3, 3) how far a bone goes for a unit of each channel of a mover's location; `moved` has movers with bones."""
+    steps = np.zeros((len(moved), 3, 3))
+    for number, (mover, name) in enumerate(moved):
+        rest = _shown(layer, rig, [name])
         for axis, way in enumerate(np.eye(3)):
             rig.pose.bones[mover].location = way
-            steps[number, axis] = (shown()[at] - rest[at])[:3, 3]
+            steps[number, axis] = (_shown(layer, rig, [name]) - rest)[0, :3, 3]
         rig.pose.bones[mover].location = (0, 0, 0)
+    return steps
+
+
+def _probe(
+    layer: bpy.types.ViewLayer, rig: bpy.types.Object, names: Sequence[str], mover: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Which of C bones each turns with, and which carries where it begins, (C,) and (C,), -1 for none.
+
+    And where they are unturned (C, 4, 4), in the armature's axes, and how far (C,) rad from where they were turned
+    they were. Leaves them unturned.
+    """
+    bones = [rig.pose.bones[name] for name in names]
+
+    def posed(basis: list[Matrix], moved: float) -> np.ndarray:
+        for bone, matrix in zip(bones, basis, strict=True):
+            bone.matrix_basis = matrix
+        rig.pose.bones[mover].location = (moved, moved, moved)
+        return _shown(layer, rig, names)
+
+    still = [Matrix()] * len(bones)
+    rest = posed(still, 0.0)
     axes = [
-        Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index))) for index in range(len(bones))
+        Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index)))
+        for index in range(1, 1 + len(bones))
     ]
     basis = [Matrix.Rotation(PROBE_TURN + PROBE_STEP * index, 4, axis) for index, axis in enumerate(axes)]
-    found = posed(basis)
-    posed(still)
+    found = posed(basis, rig.data.bones[mover].length)
+    posed(still, 0.0)
+    gone, near = found @ np.linalg.inv(rest), LEAST_STEP * np.ptp(rest[:, :3, 3], axis=0).max()
+    heads = rest[:, :, 3]
     rest[:, :3, :3] /= np.linalg.norm(rest[:, :3, :3], axis=1)[:, None]
     turned = _turns(found, rest)
     before = _turns(found @ np.linalg.inv(np.array(basis)), rest)  # of what carries each
-    follows = np.full(len(bones), -1)
-    for index in range(1, len(bones)):
-        # The cosine of the angle between, which is one for what carries it.
-        near = [np.trace(before[index]), *(np.trace(before[index] @ turn.T) for turn in turned[:index])]
-        follows[index] = int(np.argmax(near)) - 1
-    return follows, rest, steps
+    (turners, carriers), turn_off = np.full((2, len(bones)), -1), np.zeros(len(bones))
+    even = np.allclose(before @ before.swapaxes(1, 2), np.eye(3), atol=LEAST_STEP)  # else they shear
+    for index in range(len(bones)):
+        # The cosine of the angle between, which is one for what it turns with.
+        alike = [np.trace(before[index]), *(np.trace(before[index] @ turn.T) for turn in turned[:index])]
+        turners[index] = int(np.argmax(alike)) - 1
+        turn_off[index] = even * np.arccos(np.clip((max(alike) - 1) / 2, -1, 1))
+        missed = [np.linalg.norm(found[index, :3, 3] - (way @ heads[index])[:3]) for way in (np.eye(4), *gone[:index])]
+        same = missed[turners[index] + 1] < min(missed) + near
+        carriers[index] = turners[index] if same else int(np.argmin(missed)) - 1
+    return turners, carriers, rest, turn_off
 
 
 def _turns(posed: np.ndarray, rest: np.ndarray) -> np.ndarray:

@@ -242,8 +242,7 @@ def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk
 def test_a_rig_that_cannot_move_is_told(live, walk):
     rig = add_rig([RigBone("chest", None, np.zeros(3), np.ones(3))], MIXAMO)
     held = mixamo()
-    held.pose.bones[0].constraints.new("LIMIT_LOCATION").use_min_x = True
-    held.pose.bones[0].constraints[0].use_max_x = True
+    held.pose.bones[0].constraints.new("COPY_LOCATION").target = rig
     held.pose.bones[0].location, held.pose.bones[0]["IK_FK"], held.data.pose_position = (1, 2, 3), 0.0, "REST"
     with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
         live.settings.live.source, live.settings.live.rig = one.source, rig

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from mathutils import Matrix, Vector
 
+from addon.core.posing.character import both_sides
 from addon.core.posing.finer import finer
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
+from addon.scene.retargeting import ReadyRig
 from tests.inputs.rigs import (
+    A_POSE,
     HANGING,
     MIXAMO,
     NAMELESS,
@@ -70,6 +73,166 @@ def test_limbs_point_as_the_body_s(shown, make, names):
         bone.rotation_mode = ("XYZ", "AXIS_ANGLE", "ZXY")[number % 3]
     assert retargeted(rig).name == f"{shown.name} retargeted"
     assert ways_off(shown, rig, names).max() < MOST_OFF
+
+
+def on_the_hips(rig):
+    """Feet and hands hang on the hips, as the former do where a solver by IK brings the legs to them."""
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    for part in ("foot.L", "foot.R", "hand.L"):
+        rig.data.edit_bones[UNREAL[part]].parent = rig.data.edit_bones[UNREAL["hips"]]
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def on_the_hips_unturned(rig):
+    """And do not turn with them."""
+    on_the_hips(rig)
+    for part in ("foot.L", "hand.L"):
+        rig.data.bones[UNREAL[part]].use_inherit_rotation = False
+
+
+def within_limits(rig):
+    for part in ("thigh.L", "forearm.R"):
+        held = rig.pose.bones[UNREAL[part]].constraints.new("LIMIT_ROTATION")
+        held.use_limit_x = held.use_limit_y = held.use_limit_z = True
+        held.owner_space = "LOCAL"
+    held = rig.pose.bones[UNREAL["hips"]].constraints.new("LIMIT_LOCATION")
+    held.use_min_x = held.use_max_x = True
+
+
+def stretched_to_others(rig):
+    rig.pose.bones[UNREAL["shank.L"]].constraints.new("STRETCH_TO").target = box()
+    curve = bpy.data.objects.new("curve", bpy.data.curves.new("curve", "CURVE"))
+    curve.data.splines.new("BEZIER").bezier_points.add(1)
+    curve.data.splines[0].bezier_points[1].co = 1, 0, 1
+    bpy.context.scene.collection.objects.link(curve)
+    held = rig.pose.bones[UNREAL["chest"]].constraints.new("SPLINE_IK")
+    held.target, held.chain_count = curve, 3
+
+
+def under_strips(rig):
+    """With another action that poses all of it, pushed down."""
+    pose = bpy.data.actions.new("pose")
+    rig.animation_data_create().action = pose
+    for bone in rig.pose.bones:
+        bone.rotation_quaternion, bone.location, bone.scale = (0.8, 0.6, 0, 0), (0.05, 0, 0), (1, 1.2, 1)
+        for channel in ("rotation_quaternion", "location", "scale"):
+            bone.keyframe_insert(channel, frame=1)
+    rig.animation_data.nla_tracks.new().strips.new("pose", 1, pose)
+    rig.animation_data.action = None
+
+
+def loose_under_strips(rig):
+    on_the_hips(rig)
+    under_strips(rig)
+
+
+@pytest.mark.parametrize(
+    "change", [on_the_hips, on_the_hips_unturned, within_limits, stretched_to_others, loose_under_strips]
+)
+def test_limbs_hold_together_and_point_as_the_body_s_however_bones_hang(shown, change):
+    other, rig = (add_rig(rig_bones(A_POSE, 1.02, 0.48, 0.7), UNREAL) for _ in range(2))
+    retargeted(other)
+    change(rig)
+    for _ in range(2):
+        retargeted(rig)
+        assert ways_off(shown, rig, UNREAL).max() < MOST_OFF
+        poses = ([one.pose.bones[name].matrix for name in UNREAL.values()] for one in (other, rig))
+        np.testing.assert_allclose(*poses, atol=1e-4)
+    assert rig.animation_data.use_nla
+
+
+def test_an_action_that_adds_to_strips_scales_nothing(shown):
+    rig = add_rig(rig_bones(), UNREAL)
+    under_strips(rig)
+    rig.animation_data.action_blend_type = "ADD"
+    curves = retargeted(rig).layers[0].strips[0].channelbags[0].fcurves
+    assert not [curve for curve in curves if curve.data_path.endswith("scale")]
+
+
+@pytest.mark.parametrize("part", ["spine", "between", "chest", "head", "shoulder.L", "hand.L", "foot.R", "toes.L"])
+def test_what_drivers_turn_beside_arms_and_legs_stays_and_limbs_point_as_the_body_s(shown, part):
+    rig = add_rig(rig_bones(A_POSE), UNREAL)
+    turned_by_a_driver(rig, rig.pose.bones[UNREAL[part]])
+    rig.pose.bones[0]["IK_FK"] = 0.0
+    action = retargeted(rig)
+    assert list(json.loads(action["mocap_switched"]).values()) == [0.0]
+    assert ways_off(shown, rig, UNREAL).max() < MOST_OFF
+    paths = [curve.data_path for curve in action.layers[0].strips[0].channelbags[0].fcurves]
+    assert not [path for path in paths if f'"{UNREAL[part]}"' in path]
+
+
+def test_a_bone_that_a_driver_scales_unevenly_is_not_taken_for_one_that_is_turned(shown):
+    rig = add_rig(rig_bones(A_POSE), UNREAL)
+    rig.pose.bones[UNREAL["between"]].driver_add("scale", 1).driver.expression = "1.2"
+    retargeted(rig)
+
+
+BLENRIG = both_sides(
+    "master_torso spine_1_fk spine_3_fk neck_1_fk head_fk",
+    "shoulder_* arm_fk_* forearm_fk_* hand_fk_* thigh_fk_* shin_fk_* foot_fk_* foot_toe_1_fk_*",
+    ("L", "R"),
+) | {"between": "spine_2_fk"}
+
+
+@pytest.mark.parametrize(("names", "expression"), [(BLENRIG, "1 - on"), (UNREAL, "on")])
+def test_legs_of_blenrig_are_switched_to_fk_and_of_no_other_rig(shown, names, expression):
+    rig = add_rig(rig_bones(), names)
+    rig.pose.bones[0]["ik_leg_L"] = 0.0
+    solver = rig.pose.bones[names["shank.L"]].constraints.new("IK")
+    solver.target, solver.chain_count = box(), 2
+    driver = solver.driver_add("influence").driver
+    on, driver.expression = driver.variables.new(), expression
+    on.name, on.targets[0].id, on.targets[0].data_path = "on", rig, f'pose.bones["{names["hips"]}"]["ik_leg_L"]'
+    retargeted(rig)
+    assert ways_off(shown, rig, names).max() < MOST_OFF
+    rig.animation_data.action = bpy.data.actions.new("own")
+    ours("scene.retargeting").follow_actions()
+    assert rig.pose.bones[0]["ik_leg_L"] == 0.0
+
+
+def test_planted_feet_stay_where_bones_do_not_turn_with_others(shown):
+    poses = []
+    for inherits in (True, False):
+        rig = add_rig(rig_bones(), UNREAL)
+        for bone in rig.data.bones:
+            bone.use_inherit_rotation = inherits
+        retargeted(rig, feet=True)
+        bpy.context.scene.frame_set(int(shown.motion.frames[-1]))
+        poses.append([np.array(bone.matrix) for bone in rig.pose.bones])
+    np.testing.assert_allclose(*poses, atol=1e-4)
+
+
+def test_bones_that_end_far_away_are_found_and_toes_bend_as_where_they_do_not(shown):
+    """As glTF's importer makes them of a rig with a scale of its own."""
+    turns = []
+    for longer in (1.0, 100.0):
+        rig = add_rig(rig_bones(A_POSE), NAMELESS)
+        bpy.context.view_layer.objects.active = rig
+        bpy.ops.object.mode_set(mode="EDIT")
+        for bone in rig.data.edit_bones:
+            bone.tail = bone.head + (bone.tail - bone.head) * longer
+        bpy.ops.object.mode_set(mode="OBJECT")
+        retargeted(rig, feet=True)
+        assert {row.bone for row in rig.mocap_autolabel.bones} - {""} == set(NAMELESS.values()) - {NAMELESS["between"]}
+        bpy.context.scene.frame_set(int(shown.motion.frames[-1]))
+        turns.append([np.array(bone.matrix)[:3, :3] for bone in rig.pose.bones])
+    np.testing.assert_allclose(*turns, atol=0.2)  # toes of unknown length are as long as the body's
+
+
+def test_toes_that_are_apart_say_where_a_foot_ends():
+    rig = add_rig(rig_bones(), UNREAL)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    foot, toes = (rig.data.edit_bones[UNREAL[part]] for part in ("foot.L", "toes.L"))
+    foot.length *= 0.4
+    twin = rig.data.edit_bones.new("twin")
+    twin.head, twin.tail, twin.parent = toes.head, toes.tail, foot
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bones = [(part, name) for part, name in UNREAL.items() if not part.startswith(("toes", "between"))]
+    rest = ReadyRig.of(rig, bones, np.eye(4)).rest
+    ball = next(bone.head for bone in rig_bones() if bone.part == "toes.L")
+    np.testing.assert_allclose(rest.tails[rest.at["foot.L"]], ball, atol=1e-5)
 
 
 def test_the_guide_s_script_moves_a_rig_without_a_window(shown, tmp_path, monkeypatch):
@@ -450,12 +613,36 @@ def test_maps_of_other_add_ons_choose_the_bones(shown, tmp_path):
         assert found == {part: NAMELESS[part] for part in found}
 
 
+def turned_by_a_driver(rig, bone):
+    bone.rotation_mode = "XYZ"
+    bone.driver_add("rotation_euler", 0).driver.expression = "0"
+
+
+def lying_down(rig):
+    """At rest its bones go along one axis, as in files that have nothing but turns."""
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    for side in "LR":
+        for part in ("shank", "foot", "toes"):
+            bone = rig.data.edit_bones[MIXAMO[f"{part}.{side}"]]
+            bone.head.z, bone.tail.z = 2 * 0.94 - bone.head.z, 2 * 0.94 - bone.tail.z
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda rig: setattr(rig, "scale", (1, 1, 2)), "expected its scale applied"),
         (lambda rig: setattr(rig, "hide_viewport", True), "is disabled in viewports"),
         (lambda rig: rig.mocap_autolabel.bones.add(), "has no bone for hips.* under Bones in Use It"),
+        *(
+            (
+                lambda rig, name=name: turned_by_a_driver(rig, rig.pose.bones[name]),
+                f"{name} of rig does not turn as it is put; expected it without drivers",
+            )
+            for name in (MIXAMO["hips"], MIXAMO["upper_arm.L"], MIXAMO["shank.R"])
+        ),
+        (lying_down, "rig does not stand at rest; expected its head over its hips"),
     ],
 )
 def test_a_rig_that_cannot_be_moved_says_why(shown, change, words):
@@ -465,7 +652,7 @@ def test_a_rig_that_cannot_be_moved_says_why(shown, change, words):
     bpy.context.view_layer.update()
     with pytest.raises(RuntimeError, match=words):
         bpy.ops.mocap_autolabel.retarget()
-    assert rig.animation_data is None or rig.animation_data.action is None
+    assert rig.animation_data is None or (rig.animation_data.action is None and rig.animation_data.use_nla)
 
 
 def test_hips_connected_to_a_root_go_with_it(shown):
@@ -507,8 +694,8 @@ def test_what_hangs_on_a_rig_does_not_move_each_time_it_is_asked(shown):
 def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
     rig, solver, _ = leg_by_ik()
     retargeted(rig)
-    held = rig.pose.bones[MIXAMO["hips"]].constraints.new("LIMIT_LOCATION")
-    held.use_min_x = held.use_max_x = True
+    held = rig.pose.bones[MIXAMO["hips"]].constraints.new("COPY_LOCATION")
+    held.target = bpy.data.objects.new("held to", None)
     rig.animation_data.action = own = bpy.data.actions.new("own")
     refused("does not go where it is put; expected it without constraints", "retarget")
     assert rig.animation_data.action == own and not own.use_fake_user and len(bpy.data.actions) == 3

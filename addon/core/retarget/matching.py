@@ -5,9 +5,11 @@ The parts are called as in `posing.character.BONES`. What lies between the trunk
 """
 
 import re
+import unicodedata
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -16,12 +18,13 @@ from ..body.sides import BODY_SIDES
 from ..posing.character import BONE_NAMES, both_sides
 
 PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
+LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
 # What the last words of the first bone of a finger are.
-FINGER_WORDS = {"thumb": "thumb", "index": "index", "middle": "middle", "ring": "ring", "pinky": "pinky little"}
+FINGER_WORDS = {"thumb": "thumb", "index": "index", "middle": "middle mid", "ring": "ring", "pinky": "pinky little"}
 FINGER_PARTS = tuple(part for part in PARTS if part.partition(".")[0] in FINGER_WORDS)
 RIGIFY_LIMBS = "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*", ("L", "R")
-# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's and Auto-Rig Pro's, with FK;
-# Rigify's spine may have another number of bones, or no controls by FK.
+# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's, Auto-Rig Pro's and BlenRig's,
+# with FK; Rigify's spine may have another number of bones, or no controls by FK, and BlenRig's shoulders breathe.
 CONTROLS = (
     both_sides("torso spine_fk.002 spine_fk.003 neck head", *RIGIFY_LIMBS),
     both_sides("torso - chest neck head", *RIGIFY_LIMBS),
@@ -30,21 +33,27 @@ CONTROLS = (
         "c_shoulder.* c_arm_fk.* c_forearm_fk.* c_hand_fk.* c_thigh_fk.* c_leg_fk.* c_foot_fk.* c_toes_fk.*",
         ("l", "r"),
     ),
+    both_sides(
+        "master_torso spine_1_fk spine_3_fk neck_1_fk head_fk",
+        "- arm_fk_* forearm_fk_* hand_fk_* thigh_fk_* shin_fk_* foot_fk_* foot_toe_1_fk_*",
+        ("L", "R"),
+    ),
     {part: name for part, name in BONE_NAMES["RIGIFY"].items() if part not in FINGER_PARTS},
 )
-# What the last words of a bone's name are, the surest first; rigs that call bones after their joints have other ones.
+# What the last words of a bone's name are, the surest first, in English and, as MikuMikuDance has them, in Japanese;
+# rigs that call bones after their joints have other ones.
 BONE_WORDS = {
     "hips": "hips hip pelvis",
-    "neck": "neck",
-    "head": "head",
-    "shoulder": "clavicle clav collar shoulder scapula",
-    "upper_arm": "upperarm uparm uarm shldrbend arm shldr humerus",
-    "forearm": "forearm lowerarm lowarm loarm farm forearmbend elbow ulna",
-    "hand": "hand wrist",
-    "thigh": "thigh upleg upperleg thighbend femur",
-    "shank": "shin calf lowerleg lowleg loleg leg shank knee tibia",
-    "foot": "foot ankle talus",
-    "toes": "toe toes ball",
+    "neck": "neck 首",
+    "head": "head 頭",
+    "shoulder": "clavicle clav collar shoulder scapula 肩",
+    "upper_arm": "upperarm uparm uarm shldrbend arm shldr humerus 腕",
+    "forearm": "forearm lowerarm lowarm loarm farm forearmbend elbow ulna ひじ",
+    "hand": "hand wrist 手首",
+    "thigh": "thigh upleg upperleg thighbend femur 足",
+    "shank": "shin calf lowerleg lowleg loleg leg shank knee tibia ひざ",
+    "foot": "foot ankle talus 足首",
+    "toes": "toe toes toebase ball つま先",
 } | FINGER_WORDS
 JOINT_WORDS = BONE_WORDS | {
     "hips": "hips pelvis",
@@ -57,11 +66,12 @@ JOINT_WORDS = BONE_WORDS | {
     "foot": "ankle",
     "toes": "toe toes ball foot",
 }
-SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R"}
+SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R", "左": "L", "右": "R"}
 # Words that say nothing of which part it is, and those of bones that help others.
 EMPTY_WORDS = {"base", "bone", "jnt", "joint", "bind", "skin", "stretch", "ctrl", "fk", "def", "org", "c", "x", "m"}
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
 NO_CONTROLS = "MCH-", "ORG-"  # what Rigify's bones begin with that hang on controls by constraints
+HANGING = 0.75  # physical: the cosine that hair and legs have at least, to the way down
 LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
 # paper: of the height (Winter, after Drillis and Contini); the shoulder from beside the breastbone on, as rigs have it
 ARM = {"shoulder": 0.09, "upper_arm": 0.186, "forearm": 0.146, "hand": 0.108}
@@ -86,7 +96,24 @@ class RestBones:
 
     def below(self, index: int) -> list[int]:
         """The bones right below one."""
-        return np.flatnonzero(self.parents == index).tolist()
+        return self._children[index]
+
+    @cached_property
+    def _children(self) -> Mapping[int, list[int]]:
+        found = defaultdict(list)
+        for index, above in enumerate(self.parents.tolist()):
+            found[above].append(index)
+        return found
+
+    @cached_property
+    def reaches(self) -> np.ndarray:
+        """(N,) how long the longest chain is that each begins."""
+        found = np.linalg.norm(self.tails - self.heads, axis=1)
+        for index in sorted(range(len(found)), key=lambda one: -len(self.above(one))):
+            if (above := self.parents[index]) >= 0:
+                way = np.linalg.norm(self.heads[index] - self.heads[above])
+                found[above] = max(found[above], way + found[index])
+        return found
 
 
 def match_bones(bones: RestBones) -> dict[str, str]:
@@ -99,6 +126,8 @@ def match_bones(bones: RestBones) -> dict[str, str]:
     found = match_names(bones)
     if not {"thigh.L", "thigh.R", "shank.L", "shank.R"} <= found.keys():
         found = match_form(bones)
+    else:
+        found |= _lacking(bones, found)
     found = _with_trunk(bones, found)
     named = {part: bones.names[found[part]] for part in PARTS if part in found}
     return {part: name for part, name in named.items() if not name.startswith(NO_CONTROLS)}
@@ -138,12 +167,19 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 def match_names(bones: RestBones) -> dict[str, int]:
     """The parts that the words in the names of bones say: of several the control, or the surest and plainest name.
 
-    Toes that are apart have no bone for all of them.
+    A volume in one is the last choice. What is in the middle of a skirt is no finger. Toes that are apart have no bone
+    for all.
     """
-    found = defaultdict(list)
-    for name, (part, rank) in _read(bones.names).items():
+    found, read = defaultdict(list), _read(bones.names)
+    for name, (part, rank) in read.items():
         at, words = bones.names.index(name), _words(name, keep=True)[0]
-        found[part].append(("fk" not in words, rank, len(words), len(bones.above(at)), at))
+        above = bones.above(at)[1:]
+        beside = [one for parent in above[:1] for one in bones.below(parent) if one != at]
+        near = {read[bones.names[one]][0] for one in (*above, *beside) if bones.names[one] in read}
+        if "mid" in words and part.startswith("middle") and f"hand{part[-2:]}" not in near:
+            continue
+        volume = part in near and not bones.below(at)
+        found[part].append(("fk" not in words, volume, rank, len(words), len(above), at))
     first = {part: min(several) for part, several in found.items() if part in PARTS}
     for part in [part for part in first if part.startswith("toes")]:
         alike = [bones.parents[one[-1]] for one in found[part] if one[:-1] == first[part][:-1]]
@@ -157,13 +193,23 @@ def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
     spaced = re.sub(
         r"(?<=[a-z0-9])(?=[A-Z])|(?<=\b[LR])(?=[A-Z]{1,2}[a-z])|(?<=[A-Za-z])(?=\d)",
         " ",
-        name.rsplit(":", 1)[-1].replace("_", " "),
+        unicodedata.normalize("NFKC", name).rsplit(":", 1)[-1].replace("_", " "),
     )
-    words = re.findall(r"[a-z]+", re.sub(r"\b(left|right)(?=[a-z])", r"\1 ", spaced.lower()))
+    spaced = re.sub(r"\b(left|right|左|右)(?=[^\W\d_])", r"\1 ", spaced.lower())
+    words = re.findall(r"[^\W\d_]+", spaced)
     side = next((SIDES_IN_NAMES[word] for word in words if word in SIDES_IN_NAMES), "")
     if HELPERS & set(words):
         return [], side
     return [word for word in words if keep or word not in (*SIDES_IN_NAMES, *EMPTY_WORDS)], side
+
+
+def _lacking(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
+    """What no name says of limbs, whatever it is called: by the form, where that is of one mind on all others."""
+    limbs = [[f"{part}.{side}" for part in limb] for limb in LIMBS for side in BODY_SIDES]
+    limbs = [limb for limb in limbs if any(part in found for part in limb) and not set(limb) <= found.keys()]
+    form = match_form(bones) if limbs else {}
+    limbs = [limb for limb in limbs if all(found.get(part, form.get(part)) == form.get(part) for part in limb)]
+    return {part: form[part] for limb in limbs for part in limb if part in form and part not in found}
 
 
 def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
@@ -199,11 +245,24 @@ def _with_neck(bones: RestBones, found: dict[str, int], chest: int, arms: list[i
         rest = [one for one in bones.below(chest) if one not in limbs]
         if not rest:
             return found
-        up = bones.heads[chest] - bones.heads[found["hips"]]
-        chain = _chain(bones, max(rest, key=lambda one: max(bones.heads[_chain(bones, one)] @ up)))
+        up, aside = (
+            way / np.linalg.norm(way)
+            for way in np.diff(bones.heads[[found["hips"], chest, arms[0], arms[-1]]], axis=0)[::2]
+        )
+
+        def high(one: int) -> float:  # and in the middle, unlike wings
+            ways = bones.heads[_chain(bones, one)] - bones.heads[chest]
+            return float(np.max(ways @ up - np.abs(ways @ aside)))
+
+        chain = _chain(bones, max(rest, key=high))
         fork = next((at for at, one in enumerate(chain) if at and len(bones.below(one)) != 1), 0)
-        heads = chain[1 : fork + 1] or chain
-        found |= {"neck": chain[0], "head": max(heads, key=lambda one: _length(bones, one))}
+        ways = np.diff([*bones.heads[chain], bones.tails[chain[-1]]], axis=0)
+        hangs = ways @ up < -HANGING * np.linalg.norm(ways, axis=1)
+        heads = [chain[at] for at in range(1, fork + 1) if not hangs[at]] or chain
+        found |= {
+            "neck": chain[0],
+            "head": max(heads, key=lambda one: np.linalg.norm(bones.tails[one] - bones.heads[one])),
+        }
     way = bones.above(found["head"])
     if chest in way and way.index(chest) > 1:
         found["neck"] = way[way.index(chest) - 1]
@@ -228,17 +287,7 @@ def _chain(bones: RestBones, first: int) -> list[int]:
 
 def _way(bones: RestBones, above: int, first: int) -> float:
     """How long the way is from a bone's head over the one below it to the end of the longest chain."""
-    return float(np.linalg.norm(bones.heads[first] - bones.heads[above])) + _reach(bones, first)
-
-
-def _length(bones: RestBones, index: int) -> float:
-    """How long a bone is."""
-    return float(np.linalg.norm(bones.tails[index] - bones.heads[index]))
-
-
-def _reach(bones: RestBones, first: int) -> float:
-    """How long the longest chain is that a bone begins."""
-    return max([_length(bones, first), *(_way(bones, first, one) for one in bones.below(first))])
+    return float(np.linalg.norm(bones.heads[first] - bones.heads[above])) + bones.reaches[first]
 
 
 def match_form(bones: RestBones) -> dict[str, int]:
@@ -246,7 +295,7 @@ def match_form(bones: RestBones) -> dict[str, int]:
 
     Left and right are told by the way that the feet point. None where it is no person's.
     """
-    pairs = _pairs(bones)
+    pairs = _pairs(bones) if bones.names else []
     if not pairs:
         return {}
     _, legs = pairs[0]
@@ -270,13 +319,18 @@ def _pairs(bones: RestBones) -> list[tuple[int, tuple[int, int]]]:
     """The bones from which two long chains part that mirror each other, the nearest to the root first."""
     size = float(np.ptp(bones.heads, axis=0).max())
     found = []
+
+    def first_three(one: int) -> float:  # farther on, one of both may hold something
+        way = bones.heads[_chain(bones, one)[:3]]
+        return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+
     for at in sorted(range(len(bones.names)), key=lambda one: len(bones.above(one))):
-        long = [one for one in bones.below(at) if _reach(bones, one) > LONG_LIMB * size]
+        long = [one for one in bones.below(at) if bones.reaches[one] > LONG_LIMB * size]
         twins = [
             (apart, one, other)
             for number, one in enumerate(long)
             for other in long[:number]
-            if (apart := abs(_reach(bones, one) - _reach(bones, other))) < 0.01 * size
+            if (apart := abs(first_three(one) - first_three(other))) < 0.01 * size
             and np.linalg.norm(np.subtract(*(bones.heads[_chain(bones, end)[-1]] for end in (one, other))))
             > 0.01 * size
         ]
@@ -289,7 +343,9 @@ def _leg(bones: RestBones, first: int) -> list[int] | None:
     chain = _chain(bones, first)
     ends = np.array([*(bones.heads[one] for one in chain[1:]), bones.tails[chain[-1]]])
     ways = ends - bones.heads[chain]
-    downwards = ways @ _nearest_axis(bones.heads[chain[-1]] - bones.heads[first]) > 0.75 * np.linalg.norm(ways, axis=1)
+    downwards = ways @ _nearest_axis(bones.heads[chain[-1]] - bones.heads[first]) > HANGING * np.linalg.norm(
+        ways, axis=1
+    )
     hip = int(np.argmax(downwards))  # what comes before goes to the side in the pelvis
     foot = next((at for at in range(hip + 2, len(chain)) if not downwards[at]), None)
     if foot is None:
@@ -305,18 +361,18 @@ def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
     None where one has too few; where a shoulder alone is missing, the others.
     """
     half = float(np.linalg.norm(bones.heads[firsts[0]] - bones.heads[firsts[1]])) / 2
-    long = ARM["shoulder"] / sum(ARM.values()) * _reach(bones, firsts[0])
+    long = ARM["shoulder"] / sum(ARM.values()) * bones.reaches[firsts[0]]
     people = np.log(list(ARM.values()))[0 if half < long else 1 :]
-    arms = []
-    for chain in (_chain(bones, first) for first in firsts):
-        places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-        found, wanted = {}, people[-max(len(chain), len(ARM) - 1) :]
-        for begins in combinations(range(1, len(chain)), len(wanted) - 1):
-            lengths = np.maximum(np.diff(along[[0, *begins, len(chain)]]), 1e-9)
-            found[(0, *begins)] = float(np.ptp(np.log(lengths) - wanted))
-        arms.append([chain[at] for at in min(found, key=found.__getitem__, default=())])
-    return arms if all(arms) else []
+    chains = sorted((_chain(bones, first) for first in firsts), key=lambda chain: bones.reaches[chain[0]])
+    chain = chains[0]  # the other hand may hold something
+    places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+    found, wanted = {}, people[-max(len(chain), len(ARM) - 1) :]
+    for begins in combinations(range(1, min(map(len, chains))), len(wanted) - 1):
+        lengths = np.maximum(np.diff(along[[0, *begins, len(chain)]]), 1e-9)
+        found[(0, *begins)] = float(np.ptp(np.log(lengths) - wanted))
+    begins = min(found, key=found.__getitem__, default=())
+    return [[chain[at] for at in begins] for chain in chains if begins]
 
 
 def _nearest_axis(way: np.ndarray) -> np.ndarray:

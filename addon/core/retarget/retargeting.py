@@ -7,7 +7,7 @@ the legs are, and feet touch the ground where the body's do.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,6 +58,14 @@ def axes_at_rest(places: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.column_stack([left, np.cross(up, left), up])
 
 
+def stands(places: Mapping[str, np.ndarray]) -> bool:
+    """Whether a rig stands at rest, by where parts begin (3,) in the axes of a character; some files' have no pose."""
+    over = [("hips", part) for part in ("chest", "neck", "head") if part in places]
+    over += [(f"shank.{side}", f"thigh.{side}") for side in BODY_SIDES]
+    ways = np.array([places[high] - places[low] for low, high in over])
+    return bool((2 * ways[:, 2] > np.linalg.norm(ways, axis=1)).all())
+
+
 def retarget(
     character: Character, motion: tuple[np.ndarray, np.ndarray], rate: float, rig: Rig, feet: bool, hands: bool
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -68,6 +76,7 @@ def retarget(
     Legs and arms bend for that.
     """
     body = BodyInMotion(character, *character.posed(*motion))
+    rig = _with_feet(rig, body)
     at, aligned = rig.at, _alignments(rig, body)
     turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
     for index, part in enumerate(rig.parts):
@@ -154,6 +163,19 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
     if trunk:
         aligned[trunk] = least_turn(_top(rig) - rig.heads[trunk[0]], SKYWARDS)
     return aligned
+
+
+def _with_feet(rig: Rig, body: BodyInMotion) -> Rig:
+    """The same with feet whose last bones end as the body's do where theirs end nowhere ahead, or in the distance."""
+    tails, scale = rig.tails.copy(), _fitted(rig, body)[0]
+    for side in rig.legs:
+        last = next(part for part in (f"toes.{side}", f"foot.{side}") if part in rig.at)
+        way = tails[rig.at[last]] - rig.heads[rig.at[last]]
+        shank = rig.heads[rig.at[f"foot.{side}"]] - rig.heads[rig.at[f"shank.{side}"]]
+        if not np.linalg.norm(way) / 2 < -way[1] < np.linalg.norm(shank):
+            own = body.at[last]
+            tails[rig.at[last]] = rig.heads[rig.at[last]] + scale * (body.character.tails[own] - body.rest(last))
+    return replace(rig, tails=tails)
 
 
 def _ball(rig: Rig, side: str) -> np.ndarray:

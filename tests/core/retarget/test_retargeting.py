@@ -12,7 +12,7 @@ from addon.core.geometry.rotations import exponential
 from addon.core.posing.character import BONE_NAMES, both_sides, character_of
 from addon.core.posing.finer import finer
 from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
-from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget
+from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget, stands
 from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
 from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, RigBone, rig_bones
@@ -113,6 +113,25 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     assert tip[:, 2].min() > one.tails[toes[0], 2] - 0.004
 
 
+@pytest.mark.parametrize("end", [(0.02, 0.05, 0.1), (0.1, 0, 0), (0, 0.1, -0.05)])
+def test_a_foot_without_toes_whose_bone_points_elsewhere_stands_as_one_with_toes(squats, end):
+    whole = rig(size=1.1)
+    kept = [index for index, part in enumerate(whole.parts) if not part.startswith("toes")]
+    follows = np.array([kept.index(above) if above >= 0 else -1 for above in whole.follows[kept]])
+    one = Rig(tuple(whole.parts[index] for index in kept), follows, whole.heads[kept], whole.tails[kept])
+    feet = [one.at[f"foot.{side}"] for side in "LR"]
+    one.tails[feet] = one.heads[feet] + end
+    found = [retarget(*squats, RATE, each, feet=True, hands=False)[0] for each in (one, whole)]
+    np.testing.assert_allclose(found[0], found[1][:, kept], atol=0.25)
+
+
+def test_a_rig_stands_whose_head_is_over_its_hips_over_its_knees():
+    places = dict(zip(rig(HANGING).parts, rig(HANGING).heads, strict=True))
+    assert stands(places)
+    assert not stands({part: place[[2, 1, 0]] for part, place in places.items()})
+    assert not stands(places | {"shank.R": places["thigh.R"] + [0.1, 0, 0.4]})
+
+
 def test_hands_go_where_the_body_s_are_in_a_larger_room(squats):
     character, (joints, rotations) = squats
     one = rig(HANGING, size=1.3)
@@ -177,11 +196,21 @@ def at_rest(names, arms=T_POSE, turn=AS_IT_IS, extra=()):
     parents = [-1 if bone.parent is None else parts.index(bone.parent) for bone in bones]
     heads, tails = [bone.head @ turn.T for bone in bones], [bone.tail @ turn.T for bone in bones]
     for _, part, head in extra:
-        parents.append(parts.index(part))
+        parents.append([*parts, *(one for one, _, _ in extra)].index(part))
         heads.append(np.array(head, float) @ turn.T)
         tails.append((np.array(head, float) + np.array([0, 0, 0.02])) @ turn.T)
+        if parents[-1] >= len(bones):
+            tails[parents[-1]] = heads[-1]
     called = (*(names[part] for part in parts), *(name for name, _, _ in extra))
     return RestBones(called, np.array(parents), np.array(heads), np.array(tails))
+
+
+def rest_of(bones, names):
+    """Bones as `match_bones` takes them."""
+    parts = [bone.part for bone in bones]
+    parents = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
+    ends = (np.array([getattr(bone, end) for bone in bones]) for end in ("head", "tail"))
+    return RestBones(tuple(names.get(part, part) for part in parts), parents, *ends)
 
 
 def without_between(names):
@@ -226,11 +255,9 @@ def test_limbs_of_two_bones_each_and_hips_that_part_are_known_by_form():
         bones.append(replace(bone, parent=first))
         if name in ("upper_arm", "forearm", "thigh", "shank"):
             bones.append(RigBone(f"twist {bone.part}", bone.part, middle, bone.tail))
-    parts = [bone.part for bone in bones]
-    parents = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
-    ends = (np.array([getattr(bone, end) for bone in bones]) for end in ("head", "tail"))
-    found = match_bones(RestBones(tuple(f"Bone.{at:03d}" for at in range(len(parts))), parents, *ends))
-    assert found == {part: f"Bone.{parts.index(part):03d}" for part in found}
+    names = {bone.part: f"Bone.{at:03d}" for at, bone in enumerate(bones)}
+    found = match_bones(rest_of(bones, names))
+    assert found == {part: names[part] for part in found}
     assert len(found) == len(NAMELESS) - 1
 
 
@@ -252,12 +279,21 @@ def test_arms_of_too_few_bones_are_left_out_but_not_for_a_shoulder(gone):
         if name == "upper_arm":
             bone = replace(bone, parent="chest", head=places[f"shoulder.{side}"].head)
         bones.append(bone)
-    parts = [bone.part for bone in bones]
-    parents = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
-    ends = (np.array([getattr(bone, end) for bone in bones]) for end in ("head", "tail"))
-    found = match_bones(RestBones(tuple(NAMELESS[part] for part in parts), parents, *ends))
+    found = match_bones(rest_of(bones, NAMELESS))
     assert found["foot.R"] == NAMELESS["foot.R"]
     assert found.get("forearm.L") == (NAMELESS["forearm.L"] if gone == "shoulder" else None)
+
+
+@pytest.mark.parametrize("names", [NAMELESS, UNREAL])
+@pytest.mark.parametrize("gone", ["hand.R", "forearm.L forearm.R hand.L hand.R"])
+def test_long_arms_of_few_bones_are_none_by_form(names, gone):
+    bones = [bone for bone in rig_bones(A_POSE) if bone.part not in gone.split()]
+    last = ["forearm.R"] if gone == "hand.R" else ["upper_arm.L", "upper_arm.R"]
+    bones = [replace(bone, tail=4 * bone.tail - 3 * bone.head) if bone.part in last else bone for bone in bones]
+    arms = {part for part in names if part.startswith(("shoulder", "upper_arm", "forearm", "hand"))}
+    left = {bone.part for bone in bones} - (arms | {"spine", "chest", "neck", "head"} if names is NAMELESS else set())
+    found = match_bones(rest_of(bones, names))
+    assert found == {part: name for part, name in without_between(names).items() if part in left}
 
 
 def test_arms_that_hang_on_the_neck_do_not_make_it_the_chest():
@@ -273,8 +309,11 @@ def test_bones_that_help_others_are_passed_over():
         ("ik_hand_l", "hips", (0.74, 0, 1.45)),
         ("thumb_01_l", "hand.L", (0.78, 0, 1.4)),
         ("DEF-thigh_l", "hips", (0.1, 0, 0.9)),
+        ("skirt_mid_r", "hips", (-0.1, 0, 0.7)),
+        ("lMid1", "hand.L", (0.8, 0, 1.4)),
     ]
-    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL) | {"thumb.L": "thumb_01_l"}
+    fingers = {"thumb.L": "thumb_01_l", "middle.L": "lMid1"}
+    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL) | fingers
 
 
 @pytest.mark.parametrize(
@@ -283,6 +322,68 @@ def test_bones_that_help_others_are_passed_over():
 def test_the_first_bone_of_a_finger_is_the_finger(names, index):
     extra = [(index.format(number), "hand.L", (0.8 + 0.03 * number, 0, 1.45)) for number in (1, 2, 3)]
     assert match_bones(at_rest(names, extra=extra)) == without_between(names) | {"index.L": index.format(1)}
+
+
+def test_volumes_in_limbs_are_none_of_them_whatever_they_are_called():
+    """As Second Life has them, in a rig that calls bones after joints."""
+    extra = [
+        ("L_Arm", "upper_arm.L", (0.3, 0, 1.45)),
+        ("R_Leg", "thigh.R", (-0.1, 0, 0.8)),
+        ("HEAD", "head", (0, 0, 1.7)),
+        ("Eye", "head", (0, 0, 1.7)),
+        ("L_Toe", "toes.L", (0.1, -0.2, 0)),
+        ("R_Ball", "foot.R", (-0.1, -0.1, 0)),
+        ("R_Heel", "toes.R", (-0.1, 0.1, 0)),
+    ]
+    assert match_bones(at_rest(MAYA, extra=extra)) == without_between(MAYA)
+
+
+def test_what_else_is_called_so_does_not_stand_for_bones_at_the_end():
+    extra = [("weapon_hand_l", "hips", (1, 0, 1)), ("weapon_l", "weapon_hand_l", (1, 0, 1.2))]
+    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL)
+
+
+@pytest.mark.parametrize("parts", ["hand foot", "upper_arm foot"])
+def test_what_no_name_says_of_a_limb_the_form_does(parts):
+    names = UNREAL | {
+        f"{part}.{side}": f"own{number}_{side}" for number, part in enumerate(parts.split()) for side in "LR"
+    }
+    assert match_bones(at_rest(names)) == without_between(names)
+
+
+def test_what_the_form_calls_otherwise_than_names_is_left_out():
+    """A bone of the upper arm before the forearm, and no hands."""
+    bones = [bone for bone in rig_bones() if not bone.part.startswith("hand")]
+    for side in "LR":
+        upper, lower = (
+            next(bone for bone in bones if bone.part == f"{part}.{side}") for part in ("upper_arm", "forearm")
+        )
+        biceps = RigBone(f"biceps.{side}", upper.part, (upper.head + upper.tail) / 2, upper.tail)
+        bones[bones.index(lower)] = replace(lower, parent=biceps.part)
+        bones.append(biceps)
+    names = {part: name for part, name in without_between(UNREAL).items() if not part.startswith("hand")}
+    assert match_bones(rest_of(bones, UNREAL)) == names
+
+
+def hanging_on(part, name, places):
+    """Extra bones, each on the one before, and the first on a part's."""
+    return [(f"{name}{number}", part if not number else f"{name}{number - 1}", at) for number, at in enumerate(places)]
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        hanging_on("head", "hair", [(0, 0.1, 1.8), (0, 0.2, 1.5), (0, 0.2, 1.0)]),
+        hanging_on("hand.R", "sword", [(-0.8, -0.02, 1.45), (-0.8, -0.6, 1.45), (-0.8, -1.2, 1.45)]),
+        [
+            one
+            for side, sign in (("L", 1), ("R", -1))
+            for one in hanging_on("chest", f"wing {side}", [(0.1 * sign, 0.1, 1.5), (0.6 * sign, 0.2, 1.9)])
+        ],
+    ],
+)
+def test_hair_wings_and_what_a_hand_holds_are_none_of_a_person_s(extra):
+    assert match_bones(at_rest(NAMELESS, A_POSE, extra=extra)) == without_between(NAMELESS)
 
 
 def test_toes_that_are_apart_have_no_bone_for_all():
@@ -302,6 +403,10 @@ def test_control_rigs_are_known_by_their_controls(table):
 def test_bones_that_hang_on_controls_are_none_of_a_person_s():
     names = UNREAL | {"hips": "ORG-pelvis", "chest": "MCH-spine_03"}
     assert match_bones(at_rest(names)).keys() == without_between(UNREAL).keys() - {"hips", "chest"}
+
+
+def test_an_armature_without_bones_matches_nothing():
+    assert match_bones(rest_of([], {})) == {}
 
 
 def test_what_is_no_person_matches_nothing():
@@ -326,6 +431,12 @@ def test_what_is_no_person_matches_nothing():
         ("thigh_stretch.l", "thigh.L"),
         ("CC_Base_Hip", "hips"),
         ("LeftHandThumb1", "thumb.L"),
+        ("lMid1", "middle.L"),
+        ("l_toebase_JNT", "toes.L"),
+        ("左足首", "foot.L"),
+        ("ひじ.R", "forearm.R"),
+        ("右足ＩＫ", None),
+        ("左肩P", None),
         ("hand_ik.L", None),
         ("lThighTwist", None),
     ],
