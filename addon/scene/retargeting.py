@@ -162,6 +162,23 @@ def is_rig(item: bpy.types.Object) -> bool:
     return item.type == "ARMATURE" and SCALE not in item and item.is_editable
 
 
+def _parents(item: bpy.types.Object) -> Iterator[bpy.types.Object]:
+    while item := item.parent:
+        yield item
+
+
+def _is_placed_by_keys(item: bpy.types.Object) -> bool:
+    """Whether keys or drivers place an object, and do not only hide it, say."""
+    data = item.animation_data
+    if data is None:
+        return False
+    curves = list(data.drivers)
+    if data.action is not None and data.action_slot is not None:
+        bags = (strip.channelbag(data.action_slot) for layer in data.action.layers for strip in layer.strips)
+        curves += [curve for bag in bags if bag is not None for curve in bag.fcurves]
+    return any(curve.data_path.startswith(("location", "rotation", "scale", "delta")) for curve in curves)
+
+
 def checked(
     rig: bpy.types.Object, matched: Mapping[str, str], character: Character, world: Matrix
 ) -> tuple[list[tuple[str, str]], np.ndarray]:
@@ -170,6 +187,8 @@ def checked(
     place = np.array(world.inverted() @ rig.matrix_world)
     if not is_even(place):
         raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
+    if moving := next(filter(_is_placed_by_keys, _parents(rig)), None):
+        raise InputError(f"{rig.name} hangs on {moving.name}, which is animated; expected it on what stands still")
     if rig.hide_viewport:
         raise InputError(f"{rig.name} is disabled in viewports; expected it enabled, in the Outliner")
     if rig.animation_data is not None and rig.animation_data.use_tweak_mode:

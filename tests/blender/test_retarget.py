@@ -162,6 +162,19 @@ def test_what_drivers_turn_beside_arms_and_legs_stays_and_limbs_point_as_the_bod
     assert not [path for path in paths if f'"{UNREAL[part]}"' in path]
 
 
+@pytest.mark.parametrize("channel", ["location", "hide_viewport"])
+def test_a_rig_on_what_is_animated_is_refused_and_on_what_stands_still_is_not(shown, channel):
+    rig, above, top = add_rig(rig_bones(), UNREAL), box(), box()
+    rig.parent, above.parent = above, top
+    top.keyframe_insert(channel, frame=1)
+    if channel == "location":
+        with pytest.raises(RuntimeError, match=f"hangs on {top.name}, which is animated"):
+            retargeted(rig)
+        assert rig.animation_data is None
+    else:
+        retargeted(rig)
+
+
 def test_a_bone_that_a_driver_scales_unevenly_is_not_taken_for_one_that_is_turned(shown):
     rig = add_rig(rig_bones(A_POSE), UNREAL)
     rig.pose.bones[UNREAL["between"]].driver_add("scale", 1).driver.expression = "1.2"
