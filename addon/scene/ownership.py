@@ -65,7 +65,7 @@ def _digest_of_keys(keys: np.ndarray) -> str:
 
 def is_keyed_by_us(item: bpy.types.Object) -> bool:
     """Whether all keys of an object are those that the add-on noted."""
-    for curve in _curves(item):
+    for curve in curves_of(item):
         if not is_noted(item.animation_data.action, item.animation_data.action_slot.handle, curve):
             return False
         if (numbers(curve.keyframe_points, "interpolation", 1, np.int32) != LINEAR).any():
@@ -257,7 +257,7 @@ def _state(block: bpy.types.ID) -> str:
             arrays += [
                 np.array([getattr(bone, one) for bone in block.data.bones]) for one in ("matrix_local", "tail_local")
             ]
-        for curve in _curves(block):
+        for curve in curves_of(block):
             content += [curve.data_path, curve.array_index, curve.mute, curve.extrapolation]
             content += [one.type for one in curve.modifiers]
     if isinstance(block, bpy.types.Material) and block.node_tree is not None:
@@ -281,7 +281,7 @@ def _own_keys(block) -> list[str]:
 def _of_object(item: bpy.types.Object) -> list:
     data, parent = item.animation_data, item.parent
     action = None if data is None else data.action
-    keyed = {curve.data_path for curve in _curves(item)}
+    keyed = {curve.data_path for curve in curves_of(item)}
     content = [
         None if parent is None or naming.TAKE_ROOT in parent else role_of(parent),
         item.parent_type,
@@ -306,7 +306,7 @@ def _name(block) -> str | None:
     return None if block is None else block.name
 
 
-def _curves(item: bpy.types.Object) -> list[bpy.types.FCurve]:
+def curves_of(item: bpy.types.Object) -> list[bpy.types.FCurve]:
     """The curves that an object is keyed by."""
     data = item.animation_data
     if data is None or data.action is None or data.action_slot is None:

@@ -24,7 +24,7 @@ from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
 from .clock import fps_of, refresh_frame
 from .ik_controls import Along, carriers_of, controls_by_ik, loose_bones
-from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
+from .ownership import curves_of, is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .roots import is_even
 from .stored import Stored
 
@@ -169,13 +169,7 @@ def _parents(item: bpy.types.Object) -> Iterator[bpy.types.Object]:
 
 def _is_placed_by_keys(item: bpy.types.Object) -> bool:
     """Whether keys or drivers place an object, and do not only hide it, say."""
-    data = item.animation_data
-    if data is None:
-        return False
-    curves = list(data.drivers)
-    if data.action is not None and data.action_slot is not None:
-        bags = (strip.channelbag(data.action_slot) for layer in data.action.layers for strip in layer.strips)
-        curves += [curve for bag in bags if bag is not None for curve in bag.fcurves]
+    curves = [*curves_of(item), *getattr(item.animation_data, "drivers", ())]
     return any(curve.data_path.startswith(("location", "rotation", "scale", "delta")) for curve in curves)
 
 
@@ -373,8 +367,9 @@ class ReadyRig:
         turns = (self.place[:3, :3] / unit).T @ turns @ self.axes.T  # in the armature's own axes
         heads = (heads - self.place[:3, 3]) @ np.linalg.inv(self.place[:3, :3]).T
         yield self.mover, "location", (heads[:, 0] - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
+        going = {one.bone for one in self.along}
         for index, bone in enumerate(self.bones):
-            if bone in [one.bone for one in self.along]:
+            if bone in going:
                 continue
             above, own = self.turners[index], self.matrices[index, :3, :3]
             carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
@@ -382,7 +377,7 @@ class ReadyRig:
         for bone in self.resting:
             yield bone, *rotation_channel(self.modes[bone], np.tile(np.eye(3), (len(hips), 1, 1)))
         for bone in (*self.resting, *(self.bones if self.before.strips else ())):
-            if bone not in (self.mover, *(one.bone for one in self.along)):
+            if bone not in going | {self.mover}:
                 yield bone, "location", np.zeros((len(hips), 3))
             yield bone, "scale", np.ones((len(hips), 3))
         for control in self.along:

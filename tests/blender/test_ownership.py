@@ -79,7 +79,7 @@ def duet(empty, made):
 
 
 def curve_of(item: bpy.types.Object) -> bpy.types.FCurve:
-    return ownership._curves(item)[0]
+    return ownership.curves_of(item)[0]
 
 
 def add_constraint(item):
@@ -168,10 +168,10 @@ def test_what_a_person_changed_is_that_persons(duet, over, kind, change):
 def test_keys_that_were_changed_are_as_they_were(duet, over):
     item = item_of(duet.collection, "marker")
     curve_of(item).keyframe_points[2].co.y += 0.25
-    before, name = [list(curve.keyframe_points[2].co) for curve in ownership._curves(item)], item.name
+    before, name = [list(curve.keyframe_points[2].co) for curve in ownership.curves_of(item)], item.name
     over(duet.take)
     kept = bpy.data.objects[name]
-    assert [list(curve.keyframe_points[2].co) for curve in ownership._curves(kept)] == before
+    assert [list(curve.keyframe_points[2].co) for curve in ownership.curves_of(kept)] == before
     assert len(kept.animation_data.action.slots) == 1, "the keys of what went are gone"
 
 
@@ -227,7 +227,7 @@ def test_what_was_promised_stays_even_unchanged(empty, made, over):
     for name in ("hero", names[1]):
         assert in_scene(name)
         data = bpy.data.objects[name].animation_data
-        assert sum(len(curve.keyframe_points) for curve in ownership._curves(bpy.data.objects[name])) > 0
+        assert sum(len(curve.keyframe_points) for curve in ownership.curves_of(bpy.data.objects[name])) > 0
         assert data.action_slot is not None
 
 
@@ -268,7 +268,7 @@ def test_what_is_linked_into_an_own_collection_stays_in_it(duet, over):
     over(duet.take)
     [item] = bpy.data.collections["knees"].objects
     assert item.name == "bob:LKNE"
-    assert ownership._curves(item)
+    assert ownership.curves_of(item)
 
 
 def test_what_was_called_otherwise_among_collections_stays(duet, over):
@@ -337,8 +337,8 @@ def test_who_moves_by_the_takes_action_goes_on_moving(duet, over):
     own.action_slot = action.slots.new(id_type="OBJECT", name="own")
     bpy.data.objects["in an own slot"].keyframe_insert("location", frame=103)
     over(duet.take)
-    assert len(ownership._curves(bpy.data.objects["in the slot"])) == 3
-    assert len(ownership._curves(bpy.data.objects["in an own slot"])) == 3
+    assert len(ownership.curves_of(bpy.data.objects["in the slot"])) == 3
+    assert len(ownership.curves_of(bpy.data.objects["in an own slot"])) == 3
     action = bpy.data.objects["in the slot"].animation_data.action
     assert sorted(slot.name_display for slot in action.slots) == ["bob:LKNE", "own"]
 

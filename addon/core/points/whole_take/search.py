@@ -263,9 +263,7 @@ class Search:
         for name in np.flatnonzero(seldom).tolist():
             for other in self.near[name, 1 : SEARCH.sizes[0]].tolist():
                 if not self.seldom()[other]:
-                    order = np.arange(len(self._slots))
-                    order[[name, other]] = other, name
-                    exchanged = self._exchanged(order, self._slots)
+                    exchanged = self._of_pair(name, other, self._slots)
                     yield self._opened(np.array([other]), self.objective.of(exchanged))
 
     def _with_left(self, marker: np.ndarray, tried: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -418,6 +416,12 @@ class Search:
         called[refused] = marker[refused]
         return called
 
+    def _of_pair(self, one: int, other: int, slots: Slots) -> np.ndarray:
+        """(N,) the names with those of two slots exchanged."""
+        order = np.arange(len(slots))
+        order[[one, other]] = other, one
+        return self._exchanged(order, slots)
+
     def _exchanges(self) -> Iterator[np.ndarray]:
         """Namings (N,) by exchanges of limbs, two markers, and one with an extra, that the shape of frames allows.
 
@@ -434,9 +438,7 @@ class Search:
                 yield self._exchanged(np.append(limb, np.arange(markers, every)), slots)
         one, other = np.nonzero(self._of_two(now) > -OBJECTIVE.max_marker)
         for pair in zip(one.tolist(), other.tolist(), strict=True):
-            order = np.arange(every)
-            order[list(pair)] = pair[::-1]
-            exchanged = self._completed(self._exchanged(order, slots), *pair)
+            exchanged = self._completed(self._of_pair(*pair, slots), *pair)
             yield exchanged
             # What had the marker's name may be no marker of anything, which as an extra costs.
             if markers <= pair[1] < markers + self.objective.extras:
