@@ -260,7 +260,7 @@ def _not_shown(kept: set[str], lost: set[str], apart: Sequence[str]) -> list[str
     rows = (
         (sorted(kept), "not seen in any take: where it sits is taken from the known body"),
         (sorted(lost), "not seen in any take: left out"),
-        (apart, "no marker on the subject: two of three axes are zero throughout, left out"),
+        (apart, "no marker on the subject: two of three axes are zero throughout, or far from all others, left out"),
     )
     return [f"{listed(names)} {'are' if len(names) > 1 else 'is'} {what}" for names, what in rows if names]
 
