@@ -198,6 +198,7 @@ class SourceSettings(bpy.types.PropertyGroup):
     last_frame: IntProperty(name="Last", description="Last frame of the take")
     blob_count: IntProperty(name="Blobs", description="Number of blobs or points")
     trajectories: IntProperty(name="Trajectories", description="Number of trajectories of 3D points")
+    named: IntProperty(name="Named", description="Number of trajectories that have a name in the file of the 3D points")
     rate: FloatProperty(
         name="Rate",
         description="Frames a second of the recording",

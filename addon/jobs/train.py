@@ -221,7 +221,7 @@ def _learned(
     report = _report(job, takes, trained, options.hit_rate, clock | trained.seconds)
     doubts = " ".join(trained.doubts)
     new = {name for name in kept if name in markers and name not in doubts}
-    report["doubts"] += _not_shown(new, set(lost) - set(markers), apart)
+    report["doubts"] += _not_shown(new, {*kept, *lost} - {*markers}, apart)
     taught = tuple(zip(takes, [*digests, *[""] * len(job.shown)], strict=True))
     return _Taught(_with_source(trained.model), base, taught, report), trained.replaced
 
@@ -259,8 +259,8 @@ def _not_shown(kept: set[str], lost: set[str], apart: Sequence[str]) -> list[str
     """Sentences on names that are no markers in the takes: those that stay in the set, and those that do not."""
     rows = (
         (sorted(kept), "not seen in any take: where it sits is taken from the known body"),
-        (sorted(lost), "not seen in any take, and no body that is known has it: left out"),
-        (apart, "no marker on the subject: two of three axes are zero throughout, left out"),
+        (sorted(lost), "not seen in any take: left out"),
+        (apart, "no marker on the subject: two of three axes are zero throughout, or far from all others, left out"),
     )
     return [f"{listed(names)} {'are' if len(names) > 1 else 'is'} {what}" for names, what in rows if names]
 

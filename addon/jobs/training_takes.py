@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import MarkerSet
+from ..core.pipelines.known_sets import WORN
 from ..core.points.possible import refuse_labelled
 from ..core.posing.posing import POSING
 from ..core.review.answering import right_in
@@ -196,7 +197,7 @@ def chosen_markers(
 ) -> tuple[str, ...]:
     """The markers to learn: `wanted`, or those of the model that is trained on, or those that all takes have.
 
-    Those that no take shows stay where they are `known`.
+    Those that no take shows stay where they are `known`; but as many as no take of a set lacks were not worn.
 
     Raises InputError where a wanted one is nowhere, too few are common, or the takes have few of the model's.
     """
@@ -212,8 +213,9 @@ def chosen_markers(
                 takes[0].path,
             )
     else:
-        shown = ({name for name in take.names if _has(take, name) or name in known} for take in takes)
-        common = set.intersection(*shown)
+        shown = set.intersection(*({name for name in take.names if _has(take, name)} for take in takes))
+        common = set.intersection(*({name for name in take.names if name in shown or name in known} for take in takes))
+        common = common if len(common - shown) <= WORN.max_absent * len(common) else shown
         markers = tuple(name for name in takes[0].names if name in common)
         if len(markers) < POSING.min_markers <= min(len(take.names) for take in takes):
             one, two = _least_alike(takes)

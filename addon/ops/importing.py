@@ -362,7 +362,7 @@ def take_points(
     source.preview = show_points(context.scene, path.stem, take, clock)
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
     source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
-    source.trajectories = len(take.names)
+    source.trajectories, source.named = len(take.names), sum(map(bool, take.names))
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]

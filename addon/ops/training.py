@@ -70,6 +70,12 @@ class MOCAP_AUTOLABEL_OT_remove_training_take(Ours, bpy.types.Operator):
         remove_chosen(context.scene.mocap_autolabel.training, "takes")
 
 
+lacks_names = unless(
+    lambda context: (source := context.scene.mocap_autolabel.source).points_path and source.named,
+    "Open a take of 3D points whose file names them",
+)
+
+
 class Trains(LongWork):
     """What the trainings share: the marker set is chosen, and what is doubted of its takes is said.
 
@@ -160,6 +166,21 @@ class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
         )
 
 
+class MOCAP_AUTOLABEL_OT_learn_file(Trains, bpy.types.Operator):
+    """Learn a marker set of your own from the names in the file that is open, save it and choose it."""
+
+    bl_label = "Learn Its Markers"
+    needs = (lacks_names,)
+
+    def job(self, context, settings) -> "TrainJob":
+        from ..jobs.training_takes import KnownBetter
+
+        source = settings.source
+        path = Path(bpy.path.abspath(source.points_path))
+        known = {path: KnownBetter(source.up or None, source.rate)}
+        return replace(_new_job(settings, name=path.stem), takes=(path,), known=known)
+
+
 def _needs_take(first: str) -> tuple[Need, ...]:
     """What a training on the active take needs; `first` is what to do with a take once there is one."""
     return lambda context: (words := lacks_take(context)) and f"{words}, and {first}", lacks_one_performer
@@ -218,8 +239,10 @@ def _take_file(stored: Stored, names: tuple[str, ...], xyz: np.ndarray, doubts: 
     return TakeFile(written(source.name), subject, names, xyz, doubts, source)
 
 
-def _new_job(settings: SceneSettings, base: str | None = None) -> "TrainJob":
+def _new_job(settings: SceneSettings, base: str | None = None, name: str = "") -> "TrainJob":
     """A job that trains `base` on, or makes a marker set that is not there yet; InputError where it is, or is no name.
+
+    It is called as the settings say, or `name`.
 
     It finds no partial solvers, which no automatic choice of a method uses and which would take minutes of waiting.
     """
@@ -227,7 +250,7 @@ def _new_job(settings: SceneSettings, base: str | None = None) -> "TrainJob":
 
     if base:
         return TrainJob((), Path(base), search="none", base=base, overwrite=True)
-    name = settings.training.trained_name.strip()
+    name = name or settings.training.trained_name.strip()
     if not name or Path(name).name != name:
         raise InputError(f"{name!r} is no name for a marker set; expected one such as ours")
     out = markerset_folder(create=True) / (name + SUFFIX)

@@ -151,6 +151,8 @@ def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
             layout.operator("mocap_autolabel.label", text=f"Label as {text}", icon="PLAY").markerset = one.name
     elif state.unsure and told_here(state, context.scene.mocap_autolabel):
         draw_text(context, layout, f"The take {state.unsure}", icon="ERROR")
+        if context.scene.mocap_autolabel.source.named:
+            layout.operator("mocap_autolabel.learn_file", icon="PLAY")
 
 
 @lru_cache

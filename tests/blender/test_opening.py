@@ -161,7 +161,7 @@ def test_an_own_set_that_was_found_can_be_trained_on(settings, tmp_path):
     assert "Train the Chosen One On" in str(layout.mock_calls)
 
 
-def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path):
+def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path, monkeypatch):
     state = bpy.context.window_manager.mocap_autolabel
     write_c3d(tmp_path / "three.c3d", standing(np.eye(3)))
     opened(tmp_path, "three.c3d")
@@ -170,6 +170,9 @@ def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path):
     assert "under Marker Set, or one that is trained" in state.unsure
     refused("none of the", "label")
     assert "none of the" in state.unsure, "it is still told, after the button was pressed"
+    assert "learn_file" not in drawn_in_take(monkeypatch)
+    settings.source.named = 3
+    assert "learn_file" in drawn_in_take(monkeypatch)
     write_c3d(tmp_path / "other.c3d", standing(drawn("body39")))
     opened(tmp_path, "other.c3d")
     assert not state.unsure

@@ -109,6 +109,18 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
     assert (take.labels.marker[named] == take.rows.trajectory[named]).all()
 
 
+def test_the_file_that_is_open_is_learned_from_by_one_button(empty, files, own_folder):
+    refused("Open a take of 3D points whose file names them", "learn_file")
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "raw.c3d"))
+    refused("Open a take of 3D points whose file names them", "learn_file")
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "one.c3d"))
+    assert bpy.ops.mocap_autolabel.learn_file() == {"FINISHED"}
+    path = own_folder / "one.markerset.json"
+    assert open_model(path).markerset.markers == files.markers
+    assert Path(empty.scene.mocap_autolabel.subjects.markerset) == path, "Label names by it"
+    refused(r"one\.markerset\.json: is there already", "learn_file")
+
+
 def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_given):
     jobs_given.said = {"doubts": ["one subject"], "body": {"segments": {"all": list(files.markers)}}}
     settings = listed.scene.mocap_autolabel

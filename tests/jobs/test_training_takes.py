@@ -223,6 +223,12 @@ def test_markers_that_no_take_shows_stay_where_a_known_body_has_them(tmp_path):
     assert set(chosen_markers(takes, None, (), known)) == set(markerset.markers)
     assert set(chosen_markers(takes, None)) == set(markerset.markers) - {"LHEE", "RHEE"}
     assert unseen_markers(takes, []) == ((), ("RHEE", "LHEE", "NOTHING"))
+    hidden[:, names.index("LTOE")] = np.nan
+    write_c3d(path, Points(names, hidden, take.residual, 100.0, 1))
+    takes = read_takes([path], ())
+    known, _ = unseen_markers(takes, [markerset])
+    assert set(chosen_markers(takes, None, (), known)) == set(markerset.markers) - {*known}, "a part of it was worn"
+    assert set(chosen_markers(takes, markerset.markers, (), known)) == set(markerset.markers), "who asks for it knows"
 
 
 WORN = toy_markerset().markers

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.lanes import PACKING
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..data.wording import listed
 from ..points.likelihood.learn import LEARN
 from ..points.models import TrainingTake, by_subject
+from ..points.refusals import REFUSAL
 from .contradictions import contradictions, leads
 from .spread import MAJORITY
 
@@ -116,12 +118,27 @@ def _of_markers(points: np.ndarray, names: Sequence[str], markers: Sequence[str]
 def standing_apart(takes: Sequence[LabelledTake], markers: Sequence[str]) -> tuple[str, ...]:
     """The names among the markers' that are of nothing on the subject: two of their three axes are zero in all frames.
 
-    Programs keep heights and angles in trajectories too, as one number and two zeros.
+    Programs keep heights and angles in trajectories too, as one number and two zeros. So is what is farther from all
+    others than any two of these are from each other, such as one in another unit.
     """
     shown = np.concatenate([_points(take, markers) for take in takes])
     seen = np.isfinite(shown).all(axis=2)
     zero = (np.where(seen[..., None], shown, 0) == 0).all(axis=0).sum(axis=1)
-    return tuple(name for name, one in zip(markers, (zero >= 2) & seen.any(axis=0), strict=True) if one)
+    nothing = ((zero >= 2) | _far_off(shown)) & seen.any(axis=0)
+    return tuple(name for name, one in zip(markers, nothing, strict=True) if one)
+
+
+def _far_off(points: np.ndarray) -> np.ndarray:
+    """(M,) True for the markers that in all frames, of points (T, M, 3) m, are farther off than the others are wide."""
+    size = points.shape[1]
+    nearest, widest = np.full((size, size), np.inf), np.zeros((size, size))
+    for frame in points[evenly_spread(len(points), PACKING.spread_out)]:
+        apart = np.linalg.norm(frame[:, None] - frame, axis=2)
+        nearest, widest = np.fmin(nearest, apart), np.fmax(widest, apart)
+    np.fill_diagonal(nearest, np.inf)
+    others = (np.delete(np.delete(widest, marker, 0), marker, 1).max(initial=REFUSAL.gap_m) for marker in range(size))
+    nearest = nearest.min(axis=1, initial=np.inf)
+    return np.isfinite(nearest) & (nearest > np.fromiter(others, float, size))
 
 
 def of_markers(

@@ -104,6 +104,19 @@ def test_a_number_beside_two_zeros_is_no_marker():
     assert standing_apart([take, moved], names[:8]) == ()
 
 
+def test_what_is_farther_off_than_the_subject_is_wide_is_no_marker():
+    body = np.random.default_rng(4).normal(size=(30, 6, 3)) * 0.3 + [3, 1, 1]
+    other_unit = body[:, :1] / 1000
+    take = LabelledTake("push", "she", tuple("ABCDEFG"), np.concatenate([body, other_unit], axis=1))
+    assert standing_apart([take], take.names) == ("G",)
+    ball = body[:, :1] + 0.2
+    ball[15:] += 9
+    kicked = LabelledTake("kick", "she", tuple("ABCDEFG"), np.concatenate([body, ball], axis=1))
+    assert standing_apart([kicked], kicked.names) == (), "it was with her"
+    hand = np.concatenate([body[:, :3] * 0.1, body[:, :1] * 0.1 + 0.2], axis=1)
+    assert standing_apart([LabelledTake("wave", "she", tuple("ABCD"), hand)], tuple("ABCD")) == (), "a shoulder"
+
+
 NAMES = ("LHEE", "RHEE", "LTOE", "RTOE")
 
 
