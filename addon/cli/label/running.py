@@ -102,6 +102,11 @@ class Batch:
         """What an earlier run made of a take, where that is gone on with, or why it cannot be; else None."""
         return self.attempt(partial(_earlier, self.arguments), path) if self.arguments.resume else None
 
+    def settled(self, path: Path, answer: Answer) -> tuple[Path, Answer, str]:
+        """What came of a take that was worked on, and its state: another batch may have done it meanwhile."""
+        earlier = self.earlier(path) if isinstance(answer, UserError) else None
+        return (path, earlier, DONE_BEFORE) if isinstance(earlier, dict) else (path, answer, LABELLED)
+
     def finish(self, path: Path, answer: Answer, state: str = LABELLED) -> str:
         """Notes what came of a take, the last time that it was worked on; gives it as a line for people."""
         self.reports.pop(path, None)
@@ -161,9 +166,9 @@ def run(arguments) -> int:
     with _runner(arguments) as runner:
         # Once for all takes and processes: the first may bring Blender in.
         arguments.occlusion = occlusion_here(arguments.occlusion)
-        check(arguments)
+        kinds = check(arguments)
         take_away_scratch()
-        for words in (*unused(arguments), *edited_beside(arguments)):
+        for words in (*unused(arguments, kinds), *edited_beside(arguments)):
             complain(words)
         return _run(Batch(arguments), runner)
 
@@ -220,24 +225,25 @@ def _answers(batch: Batch, runner: Runner | None) -> Iterator[tuple[Path, Answer
     if arguments.resume:
         finish_renaming(arguments.out)
     for path in arguments.inputs:
-        earlier = batch.earlier(path)
-        if earlier is None:
-            left.append(path)
-        else:
+        job = batch.attempt(partial(as_job, arguments), path)
+        earlier = job if isinstance(job, UserError) else batch.earlier(path)
+        if isinstance(job, LabelJob) and earlier is None:
+            left.append(job)
+        elif earlier is not None:
             yield path, earlier, DONE_BEFORE
     if runner is not None:
-        with closing(runner([as_job(arguments, path) for path in left])) as answers:
+        with closing(runner(left)) as answers:
             for done, (number, answer) in enumerate(answers, 1):
                 batch.progress.tell(f"{done} of {len(left)} takes", at_once=True)
-                yield left[number], answer, LABELLED
+                yield batch.settled(left[number].source, answer)
         return
     load_labelling()
 
     def label(path: Path) -> dict:
         return batch.progress.drain(jobs.label_file(as_job(arguments, path)), path.stem).report
 
-    for path in left:
-        yield path, batch.attempt(label, path), LABELLED
+    for job in left:
+        yield batch.settled(job.source, batch.attempt(label, job.source))
 
 
 def _watch(arguments) -> int:

@@ -60,8 +60,9 @@ class Watch:
         """Watches until nothing has come for long enough, or somebody stops it."""
         with crew(self.arguments.jobs) as label:
             for number, answer in label(self.offers()):
-                self.at_work.discard(self.begun[number])
-                self._finish(self.begun[number], for_take(answer, self.begun[number]), LABELLED)
+                path = self.begun[number]
+                self.at_work.discard(path)
+                self._finish(*self.batch.settled(path, for_take(answer, path)))
 
     @property
     def unfinished(self) -> bool:
