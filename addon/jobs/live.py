@@ -124,16 +124,16 @@ class LiveFile(TrajectoryFile):
             self.put()
 
     def put(self):
-        """Writes what is waiting."""
-        if not self.waiting:
+        """Writes what is waiting; where there is no room it is lost, and what was written before it is not."""
+        waiting, self.waiting = self.waiting, []
+        if not waiting:
             return
         first = len(self.counts)
-        frames = np.arange(first, self.waiting[-1][0] + 1)
-        frame = np.repeat([row - first for row, *_ in self.waiting], [len(points) for _, points, _ in self.waiting])
-        points, which = (np.concatenate([part[at] for part in self.waiting]) for at in (1, 2))
+        frames = np.arange(first, waiting[-1][0] + 1)
+        frame = np.repeat([row - first for row, *_ in waiting], [len(points) for _, points, _ in waiting])
+        points, which = (np.concatenate([part[at] for part in waiting]) for at in (1, 2))
         nothing = np.full(len(points), np.nan)
         self.add(Reconstructed(frames, frame, which, points, nothing, np.zeros((len(points), 0)), 0.0))
-        self.waiting = []
 
     def take(self, first_frame: int) -> Points:
         """The whole take, its first frame called so."""

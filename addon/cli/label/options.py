@@ -273,4 +273,5 @@ def _check_inputs(arguments):
         # Windows and macOS keep walk.csv and Walk.csv in one place.
         other = stems.setdefault(path.stem.casefold(), path)
         if other is not path:
-            raise InputError(f"would have the same results as {other}; expected inputs with different names", path)
+            words = f"would have the same results as {other}"
+            raise InputError(f"{words}; expected different names, or a run with an --out for each folder", path)
