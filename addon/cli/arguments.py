@@ -2,8 +2,10 @@
 """The kinds of arguments that several verbs of the command line take."""
 
 import argparse
+import os
 import re
 from collections.abc import Callable
+from glob import glob
 from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
@@ -61,6 +63,19 @@ def names(text: str) -> tuple[str, ...]:
     if not found:
         raise argparse.ArgumentTypeError(f"{text!r} names nothing; expected names such as LASI,RASI,SACR")
     return found
+
+
+class Takes(argparse.Action):
+    """Takes, and what `*` and `?` in their names stand for where the shell leaves that to programs, as on Windows."""
+
+    def __call__(self, _parser, namespace, values, _flag=None):
+        """Adds them to those before; what stands for nothing stays as it is, to be told of."""
+        found = list(getattr(namespace, self.dest) or [])
+        for path in values:
+            pattern, is_there = str(path).replace("[", "[[]"), os.path.lexists(path)  # [ is no wildcard there
+            many = [] if is_there else sorted(glob(pattern))  # noqa: PTH207 - as shells do, without hidden files
+            found += map(Path, many or [path])
+        setattr(namespace, self.dest, found)
 
 
 # What several verbs take, each under the same name and with the same words.

@@ -17,7 +17,7 @@ from ..io.markersets import SUFFIX
 from ..jobs.models import system_user
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
-from .arguments import a_model, add_options, job_of, names, number, whole
+from .arguments import Takes, a_model, add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
 from .models import SHOWN_DIGITS
 from .workers import crew
@@ -80,21 +80,21 @@ def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("train", help="make a model from labelled takes", description=DESCRIPTION)
     add = parser.add_argument
-    add("takes", metavar="TAKE", nargs="*", type=Path, help="a labelled take")
+    add("takes", metavar="TAKE", nargs="*", type=Path, action=Takes, help="a labelled take")
     add("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
     add("--from", type=a_model, dest="base", metavar="MODEL", help="train this model on, with what it keeps")
     add("--set", dest="layout", metavar="LAYOUT", help=SET_HELP)
     add("--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have")
     add("--name", help="the model's name; default: that of --from, or the file's")
-    several: dict = {"action": "extend", "nargs": "+", "default": []}
-    add("--subject", dest="subjects", type=subject, metavar="ID=GLOB", help=SUBJECT_HELP, **several)
+    several: dict = {"nargs": "+", "default": []}
+    add("--subject", dest="subjects", type=subject, metavar="ID=GLOB", help=SUBJECT_HELP, action="extend", **several)
     hits = "asked of the ensemble's partial solvers (default 0.9999); finds them at once, as does --search"
     add("--hit-rate", type=number(0.5, 1, "rate"), metavar="P", help=hits)
     add("--search", choices=(*SEARCHES, "none"), help=SEARCH_HELP)
     add("--lean", dest="keep", action="store_false", help="keep no frames: the model cannot be trained on")
     trials = "trials side by side (default: one for each core, 4 at most; the model is the same)"
     add("--jobs", type=whole(1, 256, "number of jobs"), metavar="N", help=trials)
-    add("--check", dest="kept", type=Path, metavar="TAKE", help=CHECK_HELP, **several)
+    add("--check", dest="kept", type=Path, metavar="TAKE", help=CHECK_HELP, action=Takes, **several)
     teacher = "who teaches the model, for its history (default: who is logged in; '' for nobody)"
     add("--by", metavar="NAME", help=teacher)
     add("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")

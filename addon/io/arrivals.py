@@ -102,7 +102,7 @@ class Arrivals:
         taken = self.taken.get(name)
         if taken in rivals:
             known.left_out = known.state
-            self.passed.append(f"{path}: is left out, because {taken.name} has the same results; expected other names")
+            self.passed.append(f"{path}: is left out, because {taken} has the same results; expected other names")
             return False
         before = [self.files[one] for one in rivals if _rank(one) < _rank(path)]
         if any(one.left_out is None and one.state[0] > 0 for one in before):

@@ -84,5 +84,5 @@ class RowFile:
         self.count += len(rows)
 
     def rows(self) -> np.ndarray:
-        """All of them, read from disk where they are looked at."""
-        return np.memmap(self.path, self.kind, "r") if self.count else np.zeros(0, self.kind)
+        """All of them, read from disk where they are looked at; a full disk may have a part of one more."""
+        return np.memmap(self.path, self.kind, "r", shape=self.count) if self.count else np.zeros(0, self.kind)

@@ -321,6 +321,12 @@ def _refuse(target: Path, overwrite: bool):
     # Renaming would put a file where a device was.
     if not stat.S_ISREG(kind):
         raise InputError("is no ordinary file; expected the name of a file to write", target)
+    if os.name == "nt":  # which lets no file be replaced that a program has open: said before the first one is
+        try:
+            target.rename(target)
+        except OSError as error:
+            words = f"cannot be replaced ({error.strerror}); expected no other program to have it open"
+            raise InputError(words, target) from None
 
 
 def _make_folders(targets: Sequence[Path]):

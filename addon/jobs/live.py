@@ -12,7 +12,6 @@ import numpy as np
 
 from ..core.body.bodies import Bodies, BodyModel
 from ..core.data.errors import InputError, UserError
-from ..core.data.lanes import Lanes
 from ..core.data.takes import NO_MARKER, Points
 from ..core.points.models import Model
 from ..core.points.several.live import namer_of
@@ -21,6 +20,7 @@ from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
 from ..core.posing.finer import finer
 from ..core.posing.posing import FollowedBody
 from ..core.reconstruction.trajectories import Reconstructed
+from ..io.c3d.writing import MAX_POINTS
 from ..io.markersets import AUTO_MODEL
 from ..io.models import open_model
 from ..io.points import write_c3d
@@ -28,7 +28,7 @@ from ..io.scratch import scratch_folder
 from ..io.streams.sources import open_stream
 from ..io.streams.wire import LiveStream, StreamFrame, believed
 from ..io.whole import whole_file
-from .rebuild import REST_S, TrajectoryFile
+from .rebuild import TrajectoryFile
 
 RATE_FRAMES = 30  # by which the frame rate is known where the sender does not say
 KEPT_FRAMES = 200  # that go to the disk at once
@@ -124,16 +124,16 @@ class LiveFile(TrajectoryFile):
             self.put()
 
     def put(self):
-        """Writes what is waiting."""
-        if not self.waiting:
+        """Writes what is waiting; where there is no room it is lost, and what was written before it is not."""
+        waiting, self.waiting = self.waiting, []
+        if not waiting:
             return
         first = len(self.counts)
-        frames = np.arange(first, self.waiting[-1][0] + 1)
-        frame = np.repeat([row - first for row, *_ in self.waiting], [len(points) for _, points, _ in self.waiting])
-        points, which = (np.concatenate([part[at] for part in self.waiting]) for at in (1, 2))
+        frames = np.arange(first, waiting[-1][0] + 1)
+        frame = np.repeat([row - first for row, *_ in waiting], [len(points) for _, points, _ in waiting])
+        points, which = (np.concatenate([part[at] for part in waiting]) for at in (1, 2))
         nothing = np.full(len(points), np.nan)
         self.add(Reconstructed(frames, frame, which, points, nothing, np.zeros((len(points), 0)), 0.0))
-        self.waiting = []
 
     def take(self, first_frame: int) -> Points:
         """The whole take, its first frame called so."""
@@ -147,8 +147,7 @@ class LiveFile(TrajectoryFile):
         column = np.full(len(self.spans.table), -1)
         column[:own] = np.arange(own)
         rest = own + np.flatnonzero(self.spans.table[own:, 0])
-        first, last = self.spans.table[rest, 1:].T
-        column[rest] = own + Lanes.packed(first, last + round(REST_S * self.rate)).lane
+        column[rest] = own + self.shared(rest, MAX_POINTS - own)
         return column
 
 

@@ -18,6 +18,7 @@ from ..core.data.progress import Progress
 from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans, reconstruct_take
 from ..io.blobs import read_blobs
+from ..io.c3d.writing import MAX_POINTS
 from ..io.points import write_c3d, write_trc
 from ..io.report import renumbered
 from ..io.scratch import scratch_folder
@@ -71,8 +72,15 @@ class TrajectoryFile(RowFile):
         kept = self.spans.lasting(len(self.counts))
         column[kept] = np.arange(len(kept))
         if len(kept) > MAX_COLUMNS:
-            first, last = self.spans.table[kept, 1:].T
-            column[kept] = Lanes.packed(first, last + round(REST_S * self.rate)).lane
+            column[kept] = self.shared(kept, MAX_POINTS)
+        return column
+
+    def shared(self, kept: np.ndarray, most: int) -> np.ndarray:
+        """(K,) columns of trajectories (K,) that share them REST_S apart, or less where there would be over `most`."""
+        first, last = self.spans.table[kept, 1:].T
+        rest = round(REST_S * self.rate)
+        while (column := Lanes.packed(first, last + rest).lane).max(initial=-1) >= most and rest:
+            rest //= 2
         return column
 
 

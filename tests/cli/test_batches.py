@@ -78,6 +78,36 @@ def test_whatever_one_take_fails_of_the_others_are_labelled_and_printed(label, t
     assert [take["take"] for take in said["failed"]] == ["two"]
 
 
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_files_that_are_no_takes_do_not_stop_the_others(run, room, takes, tmp_path, jobs):
+    takes[1].write_text("hello")
+    (tmp_path / "takes" / "none.c3d").write_bytes(b"")
+    line = ["label", tmp_path / "takes" / "*.c*", tmp_path / "gone.csv", room.c3d, "--cameras", room.cameras]
+    answer = run(*line, "--model", MODEL, "--out", tmp_path / "out", *FEW, "--jobs", jobs, "--json")
+    assert "gone.csv: there is no such file" in answer.err and "two.csv:1: holds neither blobs nor" in answer.err
+    said = json.loads(answer.out)
+    assert answer.status == 2 and {take["take"] for take in said["takes"]} == {"one", "three", "take"}
+    assert {take["take"] for take in said["failed"]} == {"two", "none", "gone"}
+
+
+def test_a_take_that_another_batch_does_meanwhile_is_done(label, takes, monkeypatch, tmp_path):
+    out, whole = tmp_path / "out", jobs.label_file
+    label(*FEW, blobs=takes[:1])
+    done = {path: path.read_bytes() for path in out.iterdir()}
+
+    def label_file(job):
+        work = whole(job)
+        yield next(work)
+        for path, content in done.items():
+            path.write_bytes(content)
+        return (yield from work)
+
+    shutil.rmtree(out)
+    monkeypatch.setattr(jobs, "label_file", label_file)
+    said = label(*FEW, "--resume", blobs=takes[:1])
+    assert (said.status, said.err) == (0, "") and said.out.endswith(", done before\n")
+
+
 def test_who_stops_a_batch_stops_it(label, takes, poisoned):
     poisoned(KeyboardInterrupt())
     answer = label(*FEW, blobs=takes)

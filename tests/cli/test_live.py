@@ -8,6 +8,7 @@ import sys
 import time
 from contextlib import nullcontext
 from functools import partial
+from itertools import islice
 from types import SimpleNamespace
 
 import ezc3d
@@ -22,6 +23,7 @@ from addon.core.data.errors import InputError, JobError
 from addon.core.points.several.wearers import AUTO
 from addon.core.points.whole_take.live import WINDOW_S, Window, WindowNames
 from addon.demo.take import MODEL
+from addon.io import tables
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points
 from addon.io.streams.wire import StreamFrame
@@ -181,6 +183,26 @@ def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monk
     live.name_stream(live.LiveJob("qtm://here", MODEL), Solver(body, said), lines.append, lambda: False)
     heights = [line["bodies"][0]["scale"][0] for line in lines if line.get("bodies", [None]) != [None]]
     assert list(dict.fromkeys(heights)) == [1.4, 1.7, 1.8]
+
+
+def test_what_was_recorded_is_kept_where_temporary_files_find_no_more_room(walk, run, monkeypatch, tmp_path):
+    append = tables.RowFile.append
+
+    def full(self, rows):
+        if not self.count:
+            return append(self, rows)
+        self.file.write(b"part of a row")
+        raise JobError("cannot hold temporary files; expected room there")
+
+    stream = type("Stream", (list,), {"rate": RATE, "behind": False})(islice(walk.played(), 60))
+    monkeypatch.setattr(live, "open_stream", lambda *_: nullcontext(stream))
+    monkeypatch.setattr(live, "KEPT_FRAMES", 20)
+    monkeypatch.setattr(tables.RowFile, "append", full)
+    job = live.LiveJob("natnet://here", MODEL, tmp_path / "live.c3d")
+    with pytest.raises(JobError, match="cannot hold temporary files"):
+        live.name_stream(job, SimpleNamespace(free=True, send=lambda _: None), lambda _: None, lambda: False)
+    kept = read_points(tmp_path / "live.c3d")
+    assert len(kept.xyz) == 20 and np.isfinite(kept.xyz[..., 0]).sum(axis=1).tolist() == [len(walk.names)] * 20
 
 
 @pytest.mark.parametrize(

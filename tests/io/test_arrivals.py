@@ -104,7 +104,7 @@ def test_of_files_of_one_name_what_was_recorded_is_the_take(watched, tmp_path):
     assert watched.look(4) == []  # those that are whole wait for the one before them
     assert watched.look(5) == [qtm]
     assert len(watched.passed) == 2
-    assert all("is left out, because walk.qtm has the same results; expected" in words for words in watched.passed)
+    assert all(f"is left out, because {qtm} has the same results; expected" in words for words in watched.passed)
     assert watched.look(9) == [qtm]  # nobody began it yet
     assert len(watched.passed) == 2
 

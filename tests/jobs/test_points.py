@@ -26,6 +26,7 @@ from addon.io.cameras import read_cameras
 from addon.io.markersets import AUTO_MODEL, open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file, rebuild
+from addon.jobs import live as live_file
 from addon.jobs.rebuild import TrajectoryFile
 from scripts.virtual_take import write_virtual_take
 
@@ -252,6 +253,20 @@ def test_many_trajectories_share_columns_when_they_are_far_apart_in_time(tmp_pat
         points = file.points()
         assert points.xyz.shape[1] == 1
         np.testing.assert_allclose(points.xyz[:][[0, 45, 170], 0, 1], [0, 0.01, 0.04], atol=1e-6)
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_columns_that_no_file_could_hold_stand_nearer_to_each_other(tmp_path, monkeypatch, live):
+    for module in (rebuild, live_file):
+        monkeypatch.setattr(module, "MAX_POINTS", 50)
+    monkeypatch.setattr(rebuild, "MAX_COLUMNS", 3)
+    spans = {10 * frame + number: [4 * frame + one for one in range(4)] for frame in range(40) for number in range(10)}
+    with live_file.LiveFile(tmp_path, 100.0, ()) if live else TrajectoryFile(tmp_path, 100.0) as file:
+        monkeypatch.setattr(file.spans, "lasting", lambda _: np.arange(len(spans)))
+        file.add(part(0, 160, spans))
+        points = file.points()
+    assert points.xyz.shape[1] <= 50
+    assert np.isfinite(points.xyz[:][..., 0]).sum() == sum(map(len, spans.values()))
 
 
 def test_memory_stays_flat(tmp_path):

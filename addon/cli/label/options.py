@@ -3,6 +3,7 @@
 
 import argparse
 import math
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,11 +16,11 @@ from ...io.markersets import AUTO_MODEL
 from ...io.model_history import known_models
 from ...io.models import open_model
 from ...io.points import holds_points
-from ...io.qtm.capture import USES, is_qtm
+from ...io.qtm.capture import USES
 from ...io.whole import keep_apart
 from ...jobs import LabelJob
-from ...jobs.job import OCCLUSIONS, calibration_for, told_by_capture
-from ..arguments import OWN_CAMERAS, add_options, job_of, number, whole
+from ...jobs.job import OCCLUSIONS, told_by_capture
+from ..arguments import OWN_CAMERAS, Takes, add_options, job_of, number, whole
 
 if TYPE_CHECKING:
     from ...jobs.pages import BatchSummary
@@ -122,7 +123,14 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("label", help="name the markers of takes", description=DESCRIPTION)
     add = parser.add_argument
-    add("inputs", metavar="INPUT", nargs="+", type=Path, help="a take: blobs or 3D points; with --watch a folder")
+    add(
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        type=Path,
+        action=Takes,
+        help="a take: blobs or 3D points; with --watch a folder",
+    )
     add("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
     worn = "a built-in model (see models), a *.markerset.json file, or auto: the known one that the take shows"
     add_options(parser, "--model", help=worn)
@@ -157,9 +165,19 @@ def as_job(arguments, path: Path) -> LabelJob:
     """The job of labelling one of the inputs."""
     facing = None if arguments.facing is None else math.radians(arguments.facing)
     known = {"source": path, "wearers": tuple(arguments.subject), "facing": facing}
-    points = holds_points(path, arguments.use)
+    points = _of_points(arguments, path)
     known |= {"cameras": None} if points else told_by_capture(path, arguments.cameras, arguments.rate)
     return job_of(LabelJob, arguments, **known)
+
+
+def _of_points(arguments, path: Path) -> bool:
+    """Whether a take is one of points and not of blobs; InputError where it is neither."""
+    points = holds_points(path, arguments.use)
+    if not points and arguments.cameras is None:
+        from ...io.blobs import check_header
+
+        check_header(path)  # what holds no blobs needs no cameras
+    return points
 
 
 def summary_of(arguments) -> "BatchSummary | None":
@@ -176,21 +194,21 @@ def summary_of(arguments) -> "BatchSummary | None":
     return summary
 
 
-def check(arguments):
-    """Everything that can be known to be wrong before any work; raises InputError."""
-    _check_inputs(arguments)
-    blobs = [path for path in arguments.inputs if not holds_points(path, arguments.use)]
-    for path in blobs:
-        if arguments.cameras is None and not is_qtm(path):
-            from ...io.blobs import check_header
+def check(arguments) -> set[bool]:
+    """Everything that can be known to be wrong before any work; raises InputError. Gives whether takes are of points.
 
-            check_header(path)  # what holds no blobs needs no cameras
-        calibration_for(path, arguments.cameras)
+    A take that is neither of points nor of blobs says so when it is its turn, and the others are labelled.
+    """
+    _check_inputs(arguments)
+    kinds: dict[Path, bool] = {}
+    for path in arguments.inputs:
+        with suppress(InputError):
+            kinds[path] = _of_points(arguments, path)
     check_rest(arguments)
     if arguments.edits is not None and len(arguments.inputs) > 1:
         words = f"--edits is of one take, and there are {len(arguments.inputs)}"
         raise InputError(f"{words}; expected one take, or files such as walk.edits.json beside the takes")
-    takes = [as_job(arguments, path) for path in arguments.inputs]
+    takes = [as_job(arguments, path) for path in kinds]
     summary = summary_of(arguments)
     pages = [] if summary is None else summary.written
     written = [path for take in takes for path in take.written]
@@ -198,8 +216,9 @@ def check(arguments):
     if summary is not None:
         summary.check(arguments.overwrite, arguments.resume)
     check_models(arguments)
-    if blobs and arguments.cameras:  # once, and not for each of the takes
+    if arguments.cameras and False in kinds.values():  # once, and not for each of the takes
         open_cameras(arguments.cameras, arguments.up)
+    return set(kinds.values())
 
 
 def check_rest(arguments):
@@ -218,9 +237,11 @@ def edited_beside(arguments) -> list[str]:
     return [f"{path}: the edits of {edits.name} beside it are applied" for path, edits in found if edits is not None]
 
 
-def unused(arguments) -> list[str]:
-    """What is given and makes no difference to some of the takes, a sentence each; they are labelled all the same."""
-    kinds = {holds_points(path, arguments.use) for path in arguments.inputs}
+def unused(arguments, kinds: set[bool]) -> list[str]:
+    """What is given and makes no difference to some of the takes, a sentence each; they are labelled all the same.
+
+    `kinds` is whether they are of points.
+    """
     notes = []
     if arguments.scheduler is not None and arguments.jobs > 1:
         notes.append("--jobs is not looked at with --scheduler: its workers take as many takes as they have threads")
@@ -252,4 +273,5 @@ def _check_inputs(arguments):
         # Windows and macOS keep walk.csv and Walk.csv in one place.
         other = stems.setdefault(path.stem.casefold(), path)
         if other is not path:
-            raise InputError(f"would have the same results as {other}; expected inputs with different names", path)
+            words = f"would have the same results as {other}"
+            raise InputError(f"{words}; expected different names, or a run with an --out for each folder", path)

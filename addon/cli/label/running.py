@@ -98,9 +98,14 @@ class Batch:
         except Exception as error:  # noqa: BLE001 - every take is its own
             return of_take(error, path, self.arguments.traceback)
 
-    def earlier(self, path: Path) -> Answer | None:
+    def earlier(self, job: LabelJob) -> Answer | None:
         """What an earlier run made of a take, where that is gone on with, or why it cannot be; else None."""
-        return self.attempt(partial(_earlier, self.arguments), path) if self.arguments.resume else None
+        return self.attempt(lambda _: _earlier(job), job.source) if self.arguments.resume else None
+
+    def settled(self, job: LabelJob, answer: Answer) -> tuple[Path, Answer, str]:
+        """What came of a take that was worked on, and its state: another batch may have done it meanwhile."""
+        earlier = self.earlier(job) if isinstance(answer, UserError) else None
+        return (job.source, earlier, DONE_BEFORE) if isinstance(earlier, dict) else (job.source, answer, LABELLED)
 
     def finish(self, path: Path, answer: Answer, state: str = LABELLED) -> str:
         """Notes what came of a take, the last time that it was worked on; gives it as a line for people."""
@@ -161,9 +166,9 @@ def run(arguments) -> int:
     with _runner(arguments) as runner:
         # Once for all takes and processes: the first may bring Blender in.
         arguments.occlusion = occlusion_here(arguments.occlusion)
-        check(arguments)
+        kinds = check(arguments)
         take_away_scratch()
-        for words in (*unused(arguments), *edited_beside(arguments)):
+        for words in (*unused(arguments, kinds), *edited_beside(arguments)):
             complain(words)
         return _run(Batch(arguments), runner)
 
@@ -220,24 +225,26 @@ def _answers(batch: Batch, runner: Runner | None) -> Iterator[tuple[Path, Answer
     if arguments.resume:
         finish_renaming(arguments.out)
     for path in arguments.inputs:
-        earlier = batch.earlier(path)
-        if earlier is None:
-            left.append(path)
-        else:
+        job = batch.attempt(partial(as_job, arguments), path)
+        if isinstance(job, UserError):
+            yield path, job, LABELLED
+        elif (earlier := batch.earlier(job)) is not None:
             yield path, earlier, DONE_BEFORE
+        else:
+            left.append(job)
     if runner is not None:
-        with closing(runner([as_job(arguments, path) for path in left])) as answers:
+        with closing(runner(left)) as answers:
             for done, (number, answer) in enumerate(answers, 1):
                 batch.progress.tell(f"{done} of {len(left)} takes", at_once=True)
-                yield left[number], answer, LABELLED
+                yield batch.settled(left[number], answer)
         return
     load_labelling()
 
     def label(path: Path) -> dict:
         return batch.progress.drain(jobs.label_file(as_job(arguments, path)), path.stem).report
 
-    for path in left:
-        yield path, batch.attempt(label, path), LABELLED
+    for job in left:
+        yield batch.settled(job, batch.attempt(label, job.source))
 
 
 def _watch(arguments) -> int:
@@ -258,16 +265,15 @@ def _watch(arguments) -> int:
     return watch(batch)
 
 
-def _earlier(arguments, path: Path) -> dict | None:
+def _earlier(job: LabelJob) -> dict | None:
     """The report of an earlier run of the same job, None where there is none that is whole.
 
     Raises InputError where what is there may not be replaced, or nobody can tell by the report what came of the take.
     """
-    job = as_job(arguments, path)
     report = results_of(job)
     if report is not None:
         try:
-            as_line(report), doubts_in(report), row_of(report, path.name)
+            as_line(report), doubts_in(report), row_of(report, job.source.name)
             json.dumps(report, allow_nan=False)
         except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
             raise InputError(

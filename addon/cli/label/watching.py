@@ -11,7 +11,7 @@ from ...core.data.errors import UserError
 from ...io.arrivals import Arrivals
 from ...io.batch import AT_WORK, DONE_BEFORE, FAILING, LABELLED, MEASURED, WAITING
 from ...io.scratch import take_away_own
-from ...jobs import label_for_report
+from ...jobs import LabelJob, label_for_report
 from ..console import complain, print_results
 from ..workers import crew
 from .options import as_job
@@ -23,7 +23,7 @@ class Watch:
 
     def __init__(self, batch: Batch, arrivals: Arrivals):
         self.batch, self.arguments, self.arrivals, self.summary = batch, batch.arguments, arrivals, batch.summary
-        self.begun: list[Path] = []  # by the number that the processes know them by
+        self.begun: list[LabelJob] = []  # by the number that the processes know them by
         self.waiting: deque[Path] = deque()
         self.at_work: set[Path] = set()
         self._last, self._quiet, self._shown = time.monotonic(), False, ""
@@ -43,10 +43,10 @@ class Watch:
                 job = self.batch.attempt(partial(as_job, self.arguments), path)
                 if isinstance(job, UserError):
                     self._finish(path, job, LABELLED)
-                elif (earlier := self.batch.earlier(path)) is not None:
+                elif (earlier := self.batch.earlier(job)) is not None:
                     self._finish(path, earlier, DONE_BEFORE)
                 else:
-                    self.begun.append(path)
+                    self.begun.append(job)
                     self.at_work.add(path)
                     self.summary.begin(path)
                     yield partial(label_for_report, job)
@@ -60,8 +60,9 @@ class Watch:
         """Watches until nothing has come for long enough, or somebody stops it."""
         with crew(self.arguments.jobs) as label:
             for number, answer in label(self.offers()):
-                self.at_work.discard(self.begun[number])
-                self._finish(self.begun[number], for_take(answer, self.begun[number]), LABELLED)
+                job = self.begun[number]
+                self.at_work.discard(job.source)
+                self._finish(*self.batch.settled(job, for_take(answer, job.source)))
 
     @property
     def unfinished(self) -> bool:
