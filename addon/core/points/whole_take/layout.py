@@ -21,7 +21,7 @@ from ..likelihood.model import Known, Likelihood
 from ..likelihood.naming import IMPOSSIBLE, Settled, expected_of, name_odds, score_of, settle
 from ..likelihood.solving import alternatives
 from ..refusals import REFUSAL
-from .objective import clipped, settled_frames
+from .objective import OBJECTIVE, clipped, settled_frames
 from .pairs import PAIRING
 
 
@@ -157,16 +157,11 @@ def _row(block: np.ndarray, other: np.ndarray, every: int) -> np.ndarray:
 class LayoutNamingOptions:
     """How names are given to the markers of a crowd.
 
-    min_gain      log likelihood of the middle frame by which other names must be better; measured: twice of it names
-                  4 % of crowds wrong, half none
-    max_question  log odds below which what is right is a question, and that a quick look may be wrong by; measured:
-                  half or twice names crowds alike
-    block         memory: exchanges at once
+    min_gain  log likelihood of the middle frame by which other names must be better; measured: twice of it names
+              4 % of crowds wrong, half none
     """
 
     min_gain: float = 0.3
-    max_question: float = 6.0
-    block: int = 16
 
 
 LAYOUT_NAMING = LayoutNamingOptions()
@@ -252,7 +247,7 @@ def _questions(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Quest
     """Of exchanges (X, M + E) that are hardly worse: each marker, and the marker whose point it would take."""
     found: dict[tuple[int, int], float] = {}
     for row, value in zip(tried.tolist(), gain.tolist(), strict=True):
-        if value > -LAYOUT_NAMING.max_question:
+        if value > -OBJECTIVE.max_marker:
             for pair in [(one, other) for one, other in enumerate(row[:markers]) if one != other and other < markers]:
                 found[pair] = min(-value, found.get(pair, np.inf))
     return tuple(Question(*pair, odds) for pair, odds in found.items())
@@ -299,7 +294,7 @@ def _may_gain(known: Known, now: Settled, one: np.ndarray, other: np.ndarray) ->
     swapped = found.swap[:, np.maximum(one, other), np.minimum(one, other)]
     each = np.where(first & second, swapped, np.where(first | second, moved, 0.0))
     unknown = (each <= IMPOSSIBLE).any(axis=0)
-    return unknown | (_usual(each)[1] > -2 * LAYOUT_NAMING.max_question)
+    return unknown | (_usual(each)[1] > -2 * OBJECTIVE.max_marker)
 
 
 def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
@@ -308,15 +303,15 @@ def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
     odds = name_odds(known.fine, known.constraints, now)
     own = np.take_along_axis(odds, np.maximum(now.naming, 0)[..., None], axis=2)
     gain = odds[:, :, place[markers:]] - np.where(now.named[..., None], own, 0)
-    return np.median(gain, axis=0) > -2 * LAYOUT_NAMING.max_question
+    return np.median(gain, axis=0) > -2 * OBJECTIVE.max_marker
 
 
 def _scores(known: Known, now: Settled, others: np.ndarray) -> np.ndarray:
     """(F, X) log likelihoods of other namings (F, X, M) of frames."""
     found = np.empty(others.shape[:2])
-    for first in range(0, others.shape[1], LAYOUT_NAMING.block):
-        some = others[:, first : first + LAYOUT_NAMING.block]
+    for first in range(0, others.shape[1], PAIRING.block):
+        some = others[:, first : first + PAIRING.block]
         points, worth = (np.repeat(part, some.shape[1], axis=0) for part in (now.points, now.worth))
         score = score_of(known.fine, known.constraints, points, worth, some.reshape(-1, some.shape[2]))
-        found[:, first : first + LAYOUT_NAMING.block] = score.reshape(some.shape[:2])
+        found[:, first : first + PAIRING.block] = score.reshape(some.shape[:2])
     return found

@@ -43,7 +43,6 @@ class SearchOptions:
     least      format: nats in all of the take by which a naming must be worth more: rounding must not choose of equals
     borne_out  measured: of the odds a frame of the usual marker, with less of which one is in doubt; in takes that are
                right 0.68 at least, and where limbs are one place off some marker has less
-    margin     measured: log odds a frame that a tracklet must be ahead; exchanged wrists are by 2.9 to 4.7
     sweeps     measured: over all groups; with one 2 % of plates and of people of other labs are lost
     chains     measured: that are tried; with 16 a turned plate of S02 is not found
     links      physical: of a chain: a shoulder, an elbow and a hand's three
@@ -53,7 +52,6 @@ class SearchOptions:
     sizes: tuple[int, ...] = (5, 9, 14)
     least: float = 5.0
     borne_out: float = 0.6
-    margin: float = 6.0
     sweeps: int = 3
     chains: int = 48
     links: int = 5
@@ -189,7 +187,7 @@ class Search:
         """The tracklets that are named and nearly as likely something else, the least sure first."""
         tracklets, weight = self.objective.tracklets, self.objective.weight
         margin = margins(self._odds, self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
-        some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < SEARCH.margin))
+        some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < OBJECTIVE.max_marker))
         return some[np.argsort(margin[some], kind="stable")].tolist()
 
     def _of_one(self, tracklet: int) -> Iterator[np.ndarray]:
@@ -373,7 +371,7 @@ class Search:
         """
         marker, tracklets, markers = self.best.marker, self.objective.tracklets, self.objective.markers
         own = (marker != NO_MARKER) & (marker < markers)
-        likely = self._odds[:, :markers] > -SEARCH.margin
+        likely = self._odds[:, :markers] > -OBJECTIVE.max_marker
         likely |= (marker >= markers)[:, None] & self._doubted()
         free = (marker == NO_MARKER) & lasting(tracklets, self.objective.rate)
         likely |= free[:, None] & ~self.seldom()[:markers]
