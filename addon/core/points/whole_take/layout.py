@@ -11,15 +11,14 @@ normal density, in which every choice of points for all of them is weighed at th
 """
 
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 
 from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
 from ..likelihood.model import Known, Likelihood
-from ..likelihood.naming import IMPOSSIBLE, Settled, expected_of, name_odds, score_of, settle
-from ..likelihood.solving import alternatives
+from ..likelihood.naming import Settled, expected_of, score_of, settle
 from ..refusals import REFUSAL
 from .objective import OBJECTIVE, clipped, settled_frames
 from .pairs import PAIRING
@@ -47,10 +46,7 @@ def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray
 
     now are the settled frames, place (M + E,) the point that each marker has in them, extras after the set's own.
     """
-    blocks = _blocks(known.fine.mean)
-    if len(place) == now.naming.shape[1]:
-        return _turned_about(known, now, place, blocks)
-    found = [_choices(known, now, place, block) for block in blocks]
+    found = [_choices(known, now, place, block) for block in _blocks(known.fine.mean)]
     return np.concatenate(found) if found else np.zeros((0, len(place)), int)
 
 
@@ -60,43 +56,6 @@ def _blocks(mean: np.ndarray) -> np.ndarray:
     near = (apart < PAIRING.max_confused_m).sum(axis=1) >= BLOCKS.size
     order = np.argsort(apart, axis=1, kind="stable")
     return np.unique(np.sort(order[near, : BLOCKS.size], axis=1), axis=0)
-
-
-def _turned_about(known: Known, now: Settled, place: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """(X, M) the likeliest ways to give the points of each block (K, B) to its markers again, out of `place` (M,).
-
-    By what they win over the names so far, which is known without letting go of any: that of normal densities.
-    """
-    there = now.present[:, place[blocks]].swapaxes(0, 1)
-    blocks = blocks[(there.mean(axis=1) >= REFUSAL.min_half).all(axis=1)]
-    if not len(blocks):
-        return np.zeros((0, len(place)), int)
-    count, size = blocks.shape
-    turns = np.array(list(permutations(range(size)))[1:])
-    precision, pull = _held_together(known, now, blocks)
-    points = now.points[:, place[blocks]].swapaxes(0, 1)
-    moved = (points[:, :, turns] - points[:, :, None]).reshape(count, len(now.points), len(turns), 3 * size)
-    square = ((moved @ precision) * moved).sum(axis=3) + 2 * (moved @ pull[..., None])[..., 0]
-    there = now.present[:, place[blocks]].all(axis=2).T
-    usual = middle_of_known(np.where(there[:, None], square.swapaxes(1, 2), np.nan))
-    best = np.argsort(usual, axis=1, kind="stable")[:, : BLOCKS.proposed - 1]  # as they are is proposed, too
-    block, turn = np.nonzero(np.isfinite(np.take_along_axis(usual, best, axis=1)))
-    rows = np.tile(np.arange(len(place)), (len(block), 1))
-    taken = np.take_along_axis(blocks[block], turns[best[block, turn]], axis=1)
-    np.put_along_axis(rows, blocks[block], taken, axis=1)
-    return np.unique(rows, axis=0)
-
-
-def _held_together(known: Known, now: Settled, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The precision (K, F, 3 B, 3 B) 1/m² of the points of blocks (K, B) by all others, and (K, F, 3 B) 1/m what pulls.
-
-    With the points in the names so far, that is their noise less what the shape is known by; so it is for Gaussians.
-    """
-    half = now.spread[:, blocks].swapaxes(0, 1).reshape(len(blocks), len(now.points), -1, now.spread.shape[3])
-    inverse = 1 / np.repeat(known.fine.noise[blocks], 3, axis=1)[:, None]
-    shared = half @ half.swapaxes(2, 3)
-    precision = inverse[..., None] * (np.eye(inverse.shape[2]) - shared * inverse[..., None, :])
-    return precision, inverse * now.left[:, blocks].swapaxes(0, 1).reshape(*half.shape[:3])
 
 
 def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -> np.ndarray:
@@ -234,13 +193,9 @@ def _gains(
     """
     others = place[tried[:, : now.naming.shape[1]]]
     others = np.where(now.present[:, others], others, NO_POINT)
-    return others, *_usual(_scores(known, now, others) - now.score[:, None])
-
-
-def _usual(each: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the middle one of frames (F, X) wins and, where that is more, all of them on average: (X,) each."""
+    each = _scores(known, now, others) - now.score[:, None]
     middle = np.median(each, axis=0)
-    return middle, np.maximum(middle, clipped(each, 2))
+    return others, middle, np.maximum(middle, clipped(each, 2))
 
 
 def _questions(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Question, ...]:
@@ -271,39 +226,13 @@ def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np
     there = seen.any(axis=0)
     both = there | there[:, None] if absent else there & there[:, None]
     near = (np.median(between, axis=0) < PAIRING.max_confused_m) & both
-    near[:markers, markers:] &= _worth_trying(known, now, place)
     one, other = np.nonzero(np.triu(near, 1))
     one, other = one[one < markers], other[one < markers]
-    worth = (other >= markers) | _may_gain(known, now, one, np.minimum(other, markers - 1))
-    one, other = one[worth], other[worth]
     pairs = np.tile(np.arange(every), (len(one), 1))
     rows = np.arange(len(one))
     pairs[rows, one], pairs[rows, other] = other, one
     rest = np.broadcast_to(np.arange(markers, every), (len(limbs), every - markers))
     return np.concatenate([pairs, np.concatenate([limbs, rest], axis=1)])
-
-
-def _may_gain(known: Known, now: Settled, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(K,) whether names may gain by an exchange of markers (K,), or nearly, by what it does to them alone.
-
-    That is quickly known, but of a point that is far from where the other's marker is expected.
-    """
-    found = alternatives(known.fine, known.constraints, now)
-    first, second = now.named[:, one], now.named[:, other]
-    moved = np.where(first, found.move[:, one, other], found.move[:, other, one])
-    swapped = found.swap[:, np.maximum(one, other), np.minimum(one, other)]
-    each = np.where(first & second, swapped, np.where(first | second, moved, 0.0))
-    unknown = (each <= IMPOSSIBLE).any(axis=0)
-    return unknown | (_usual(each)[1] > -2 * OBJECTIVE.max_marker)
-
-
-def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
-    """(M, E) whether a marker may be an extra, by what all others say of it: that is quickly known."""
-    markers = now.naming.shape[1]
-    odds = name_odds(known.fine, known.constraints, now)
-    own = np.take_along_axis(odds, np.maximum(now.naming, 0)[..., None], axis=2)
-    gain = odds[:, :, place[markers:]] - np.where(now.named[..., None], own, 0)
-    return np.median(gain, axis=0) > -2 * OBJECTIVE.max_marker
 
 
 def _scores(known: Known, now: Settled, others: np.ndarray) -> np.ndarray:
