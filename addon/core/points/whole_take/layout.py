@@ -28,14 +28,13 @@ from .pairs import PAIRING
 class BlockOptions:
     """What is named again together.
 
-    size        physical: markers at a time: a heel, an ankle and a toe
-    points      memory and time: that each may be, the likeliest on its own; half names crowds alike
-    proposed    memory and time: choices of each block that are weighed exactly; half or twice names crowds alike
+    size    physical: markers at a time: a heel, an ankle and a toe
+    points  memory and time: that each may be, the likeliest on its own, and choices of each block that are weighed
+            exactly; half names crowds alike
     """
 
     size: int = 3
     points: int = 6
-    proposed: int = 4
 
 
 BLOCKS = BlockOptions()
@@ -75,7 +74,7 @@ def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -
     choice = np.array(list(product(*likely)))
     choice = choice[(np.diff(np.sort(choice, axis=1), axis=1) > 0).all(axis=1)]
     square = _square(covariance, away, tuple(range(len(block))), choice)
-    choice = free[choice[np.argsort(square, kind="stable")[: BLOCKS.proposed]]]
+    choice = free[choice[np.argsort(square, kind="stable")[: BLOCKS.points]]]
     rows = [_row(block, other, every) for other in choice if (other != block).any()]
     return np.array(rows, dtype=int).reshape(-1, every)
 
