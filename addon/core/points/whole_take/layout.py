@@ -140,13 +140,13 @@ class Question:
 
 
 def named_by_layout(
-    likelihood: Likelihood, placed: np.ndarray, held: np.ndarray, absent: bool
+    likelihood: Likelihood, placed: np.ndarray, held: np.ndarray
 ) -> tuple[np.ndarray, tuple[Question, ...]]:
     """The name (M + E,) that each marker of a crowd should have, and what is hardly sure.
 
     placed (F, M + E, 3) m in frames that show most, NaN where there is none: the set's M markers as they are named so
-    far, and E extras, of which each may be what a marker's name belongs to. The markers `held` keep their names. With
-    `absent`, names that nothing has are tried too.
+    far, and E extras, of which each may be what a marker's name belongs to. The markers `held` keep their names; those
+    that nothing has are tried too.
     """
     name, known = np.arange(placed.shape[1]), likelihood.known
     now = settled_frames(likelihood, placed)
@@ -156,7 +156,7 @@ def named_by_layout(
     questions: tuple[Question, ...] = ()
     for _ in range(LAYOUT_ROUNDS):
         place = np.argsort(name)
-        tried = _without_held(_exchanges(known, now, name, absent), held)
+        tried = _without_held(_exchanges(known, now, name), held)
         others, middle, usual = _gains(known, now, place, tried)
         questions = _questions(tried, usual, len(likelihood))
         if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
@@ -207,7 +207,7 @@ def _questions(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Quest
     return tuple(Question(*pair, odds) for pair, odds in found.items())
 
 
-def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np.ndarray:
+def _exchanges(known: Known, now: Settled, name: np.ndarray) -> np.ndarray:
     """(X, M + E) for each exchange that is tried, the marker whose point each marker takes.
 
     Of two that are near each other, of which one is a marker of the set and one is there; and of limbs. A marker that
@@ -223,7 +223,7 @@ def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np
         between = np.linalg.norm(at[:, :, None] - at[:, None], axis=3)
     between = np.where(np.isfinite(between), between, np.inf)
     there = seen.any(axis=0)
-    both = there | there[:, None] if absent else there & there[:, None]
+    both = there | there[:, None]
     near = (np.median(between, axis=0) < PAIRING.max_confused_m) & both
     one, other = np.nonzero(np.triu(near, 1))
     one, other = one[one < markers], other[one < markers]

@@ -366,18 +366,18 @@ def test_of_a_limb_nobody_wears_one_marker_alone(model, markers):
         assert len(margin) and ((margin == 0) == bool(away)).all()
 
 
-def layout_names(model, placed: np.ndarray, absent: bool):
+def layout_names(model, placed: np.ndarray):
     """What the layout says of markers placed (T, M, 3) m, of which nobody has named one."""
     shown = placed[fullest_frames(np.isfinite(placed[..., 0]))]
-    return named_by_layout(model.likelihood, shown, np.zeros(0, int), absent)
+    return named_by_layout(model.likelihood, shown, np.zeros(0, int))
 
 
 def test_names_exchanged_in_all_of_the_take_are_put_right_and_those_that_are_right_stay(model, markers):
     for pair in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
         order = exchanged(model, *pair)
-        name, _ = layout_names(model, markers[:, order], False)
+        name, _ = layout_names(model, markers[:, order])
         assert name.tolist() == order.tolist(), pair
-    name, questions = layout_names(model, markers, True)
+    name, questions = layout_names(model, markers)
     assert name.tolist() == list(range(len(model.markerset)))
     assert all(question.odds >= -1 for question in questions)
 
@@ -387,7 +387,7 @@ def test_names_that_some_poses_contradict_are_a_question(model, markers):
     placed = markers.copy()
     placed[::3, [one, other]] = placed[::3, [other, one]]
     placed[1::9, [one, other]] = placed[1::9, [other, one]]
-    name, questions = layout_names(model, placed, False)
+    name, questions = layout_names(model, placed)
     assert name.tolist() == list(range(len(name)))
     assert {one, other} in [{question.one, question.other} for question in questions]
 
