@@ -134,12 +134,10 @@ class _Solving:
     def solved(self, moves: Moves) -> Generator[float, None, Solution]:
         """What frames came to spread over the take, and mended by some moves."""
         questions: tuple[Question, ...] = ()
-        last = len(ROUNDS.freedoms)
-        # Once more at the end of a crowd: what nothing else could be may be in the place of a marker.
-        for number, freedom in enumerate((*ROUNDS.freedoms, *ROUNDS.freedoms[-1:] * self.crowd)):
-            yield number / (last + 1)
-            if number and self.crowd and not self._add_extras() and number == last:
-                break
+        for number, freedom in enumerate(ROUNDS.freedoms):
+            yield number / len(ROUNDS.freedoms)
+            if number and self.crowd:
+                self._add_extras()
             self._spread(freedom)
             if self.crowd:
                 before, questions = self.marker, self._put_in_place()
