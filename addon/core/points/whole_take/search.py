@@ -436,26 +436,11 @@ class Search:
                 yield self._exchanged(np.append(limb, np.arange(markers, every)), slots)
         one, other = np.nonzero(self._of_two(now) > -OBJECTIVE.max_marker)
         for pair in zip(one.tolist(), other.tolist(), strict=True):
-            exchanged = self._completed(self._of_pair(*pair, slots), *pair)
+            exchanged = self._of_pair(*pair, slots)
             yield exchanged
             # What had the marker's name may be no marker of anything, which as an extra costs.
             if markers <= pair[1] < markers + self.objective.extras:
                 yield np.where(exchanged == pair[1], NO_MARKER, exchanged)
-
-    def _completed(self, marker: np.ndarray, name: int, extra: int) -> np.ndarray:
-        """(N,) the names in which what has none and was likely an extra has the name that this has got.
-
-        A marker has its gaps filled as soon as it is one, and an extra has not: it would look worse for that alone.
-        """
-        if not self.objective.markers <= extra < self.objective.markers + self.objective.extras:
-            return marker
-        tracklets = self.objective.tracklets
-        free = (marker == NO_MARKER) & (tracklets.held == NO_MARKER) & (tracklets.votes[:, name] > -RULING.odds)
-        free = np.flatnonzero(free & (self._odds[:, extra] > 0))
-        for tracklet in free[np.argsort(-self._odds[free, extra], kind="stable")].tolist():
-            if not (self._beside(tracklet) & (marker == name)).any():
-                marker[tracklet] = name
-        return marker
 
     def _of_two(self, now: Settled) -> np.ndarray:
         """(M, M + E) what frames `now` win if two exchange names; each two once, minus infinity elsewhere."""

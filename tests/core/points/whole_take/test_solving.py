@@ -290,20 +290,6 @@ def test_an_extra_that_lasts_is_not_left_out_again_and_a_marker_may_be(model, ma
     assert left_out == {0: True, 26: False}
 
 
-def test_an_extra_that_is_tried_as_a_marker_is_it_in_its_pieces_without_a_name_too(model, markers):
-    """Else it has gaps that what has the name has not, and the name looks surer than it is."""
-    toe, extra = model.markerset.index("LTOE"), len(model.markerset)
-    beside = markers[:, [toe]] + [0.0, 0.0, 0.01]
-    beside[40:60] = np.nan
-    points, whose = pieces(np.concatenate([markers, beside], axis=1), hidden=0)
-    objective, truth = objective_of(model, points, whose)
-    objective.extras = 1
-    of_extra = np.flatnonzero(truth == extra)
-    shorter = of_extra[objective.tracklets.count[of_extra].argmin()]
-    search = Search(objective, np.where(np.arange(len(truth)) == shorter, NO_MARKER, truth), USUAL_FREEDOM)
-    assert any((tried[of_extra] == toe).all() for tried in search._exchanges())
-
-
 def test_what_had_the_name_of_an_extra_that_takes_it_may_be_nothing(model, markers):
     toe, extra = model.markerset.index("LTOE"), len(model.markerset)
     points, whose = np.concatenate([markers, markers[:, [toe]] + [0.0, 0.0, 0.01]], axis=1), np.arange(extra + 1)
