@@ -160,7 +160,7 @@ def named_by_layout(
         others, middle, usual = _gains(known, now, place, tried)
         questions = _questions(tried, usual, len(likelihood))
         if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
-            tried = _others_than(tried, _without_held(block_exchanges(known, now, place), held))
+            tried = _without_held(block_exchanges(known, now, place), held)
             others, middle, usual = _gains(known, now, place, tried)
             questions += _questions(tried, usual, len(likelihood))
             if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
@@ -169,12 +169,6 @@ def named_by_layout(
         name = np.argsort(place[tried[best]])
         now = settle(known.fine, known.constraints, now.points, present, others[:, best])
     return name, questions
-
-
-def _others_than(tried: np.ndarray, more: np.ndarray) -> np.ndarray:
-    """The exchanges (X, M + E) that are not among those (Y, M + E) that were tried."""
-    known = {row.tobytes() for row in tried}
-    return more[[row.tobytes() not in known for row in more]]
 
 
 def _without_held(tried: np.ndarray, held: np.ndarray) -> np.ndarray:
