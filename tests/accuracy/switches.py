@@ -71,7 +71,7 @@ def varied(name: str, factor: float):
         object.__setattr__(holder, field, before)
 
 
-def _no_layout(likelihood, placed, held, absent):
+def _no_layout(likelihood, placed, held):
     return np.arange(placed.shape[1]), ()
 
 

@@ -17,6 +17,7 @@ from ..data.lanes import PACKING, Lanes, blocks, standing_in, trajectories_at
 from ..data.made import Table
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, evenly_spread, there_in
+from .likelihood.model import chance
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,6 @@ class VoteOptions:
     frame_weight: float = 0.1
     swap_cost: float = 10.0
     max_overlap_frames: int = 2
-    max_log_odds: float = 30.0  # format: the chance of more is 1 in floating point
     window_frames: int = 2048
     min_length_frames: int = 5
 
@@ -213,10 +213,10 @@ def vote(labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame
     stretches = _stretches(labels, tracklet, len(names))
     given = _given(stretches, len(tracklet), len(names))
     voted = Labels.none(*tracklet.shape)
-    for stretch, (name, chance) in zip(stretches, given, strict=True):
+    for stretch, (name, sure) in zip(stretches, given, strict=True):
         if name != NO_MARKER:
             at = stretch.frames, stretch.lane
-            voted.marker[at], voted.step[at], voted.confidence[at] = name, BY_TRAJECTORY, chance
+            voted.marker[at], voted.step[at], voted.confidence[at] = name, BY_TRAJECTORY, sure
     suspects = _swaps(stretches, given, names, first_frame)
     suspects += _doubts(stretches, given, names, first_frame)
     return Verdict(voted, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
@@ -290,7 +290,7 @@ def _given(stretches: list[Stretch], frames: int, markers: int) -> list[tuple[in
         rest = stretch.odds.sum() - stretch.odds[best] + stretch.silent
         if free[best] > rest:
             lead = (free[best] - rest) * VOTE.frame_weight
-            given[index] = (best, float(1 / (1 + np.exp(-min(lead, VOTE.max_log_odds)))))
+            given[index] = (best, float(chance(lead)))
             busy[stretch.frames, best] = True
     return given
 

@@ -21,6 +21,7 @@ from .likelihood.frames import label_frames
 from .likelihood.model import Likelihood, raised
 from .likelihood.shape import SHAPE, Shape, completed, factors
 from .models import Model
+from .refusals import REFUSAL
 from .tracklets import are_lasting
 
 
@@ -32,21 +33,16 @@ class UnorderedOptions:
                  distance 8 name six labels fewer of 20,900 of frames in no order
     size_sd      of the logarithm of the size that is left once the subject's own distances are known; physical: 1 %
     min_part     measured: of the markers that are enough; twice of it loses 0.4 % of `clouds-bd`, half nothing
-    rare         measured: named less often than this part of what is usual; they are looked for, else 85 % of
-                 `clouds-bd` are named and not 99 %
-    loose_radii  measured: this far about where they are expected, and are there if they are as near to one place of the
-                 body; half loses 7 % of `clouds-bd`, twice none. In
-    min_near     measured: this part of the frames that have them, and of what is usual of a marker; all of it loses
-                 14 % of `clouds-bd`
+    loose_radii  measured: this far about where they are expected are markers sought that are seldom named, else 85 % of
+                 `clouds-bd` are named and not 99 %; they are there if most are as near to one place of the body; half
+                 loses 7 % of it, twice none
     hidden_part  of a frame's points that is hidden to try how far labels keep
     """
 
     frames: float = 20.0
     size_sd: float = 0.01
     min_part: float = 1 / 3
-    rare: float = 0.5
     loose_radii: float = 0.25
-    min_near: float = 0.5
     hidden_part: float = 1 / 12
 
 
@@ -177,7 +173,7 @@ def learn_subject(trained: Likelihood, points: Table, named: Labels) -> Generato
         same = (labels.marker == before.marker)[present].mean()
         # Hardly ever named, as when they are placed where nobody in training had them.
         often = np.isfinite(clouds[..., 0]).mean(axis=0)
-        rare = (often < UNORDERED.rare * np.median(often)) & ~sought
+        rare = (often < REFUSAL.min_half * np.median(often)) & ~sought
         # Among many more points than markers, what is left over is other markers.
         if same >= NEARLY_SETTLED and rare.any() and not crowded:
             sought |= rare
@@ -214,7 +210,7 @@ def _in_place(labels: Labels, points: np.ndarray, rare: np.ndarray, shape: Shape
         if there.any():
             distance = np.linalg.norm(off - np.median(off[there], axis=0), axis=1)
             near = there & (distance < UNORDERED.loose_radii * shape.radius)
-        if near.sum() < UNORDERED.min_near * max(there.sum(), usual):
+        if near.sum() < REFUSAL.min_half * max(there.sum(), usual):
             near[:] = False
         kept &= (labels.marker != marker) | near[:, None]
     return labels.kept(kept)

@@ -96,7 +96,7 @@ def log_odds(weights: np.ndarray, described: np.ndarray) -> np.ndarray:
 
 def chance(odds: np.ndarray) -> np.ndarray:
     """(N,) the chance of log odds (N,)."""
-    return 1 / (1 + np.exp(-odds))
+    return 1 / (1 + np.exp(-np.clip(odds, -MAX_LOG_ODDS, MAX_LOG_ODDS)))
 
 
 def kinds(described: np.ndarray) -> np.ndarray:

@@ -30,13 +30,9 @@ class DecidingOptions:
 
     odds_of_target  measured: of the log odds of a target, that a tracklet's name must be ahead of any other by a
                     solution; with half names of 2 % of people of other labs are wrong, with twice they lose 6 %
-    min_sure        measured: part of a tracklet's frames that must be sure of its name alone for its vote to count, in
-                    a crowd, and where one subject is all that the model has seen, as frames may err together there;
-                    with half of it a prop that is not there is named
     """
 
     odds_of_target: float = 0.6
-    min_sure: float = 0.5
 
 
 DECIDING = DecidingOptions()
@@ -132,7 +128,7 @@ def _needed(model: Model, tracklet: np.ndarray) -> float:
     likelihood, markers = model.likelihood, len(model.markerset)
     crowd = (tracklet >= 0).sum() >= REFUSAL.crowd * markers * len(tracklet)
     few = likelihood is not None and likelihood.subjects == 1 and likelihood.rigid_bodies is None
-    return DECIDING.min_sure if crowd or few else 0.0
+    return REFUSAL.min_half if crowd or few else 0.0
 
 
 def _part_sure(marker: np.ndarray, named: FrameLabels, tracklet: np.ndarray, target: float, count: int) -> np.ndarray:
@@ -202,7 +198,7 @@ def labels_of(
     `make_table` says where confidences are kept.
     """
     tracklets, believed = solution.tracklets, _believed(solution, target, len(names))
-    of_tracklet = chance(np.minimum(solution.margin, VOTE.max_log_odds))
+    of_tracklet = chance(solution.margin)
     shape = tracklets.table.shape
     marker, step = np.empty(shape, np.int16), np.empty(shape, np.int8)
     labels = Labels(marker, step, make_table(shape, float))

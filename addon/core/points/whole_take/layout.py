@@ -11,17 +11,16 @@ normal density, in which every choice of points for all of them is weighed at th
 """
 
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 
 from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
 from ..likelihood.model import Known, Likelihood
-from ..likelihood.naming import IMPOSSIBLE, Settled, expected_of, name_odds, score_of, settle
-from ..likelihood.solving import alternatives
+from ..likelihood.naming import Settled, expected_of, score_of, settle
 from ..refusals import REFUSAL
-from .objective import clipped, settled_frames
+from .objective import OBJECTIVE, clipped, settled_frames
 from .pairs import PAIRING
 
 
@@ -29,14 +28,13 @@ from .pairs import PAIRING
 class BlockOptions:
     """What is named again together.
 
-    size        physical: markers at a time: a heel, an ankle and a toe
-    points      memory and time: that each may be, the likeliest on its own; half names crowds alike
-    proposed    memory and time: choices of each block that are weighed exactly; half or twice names crowds alike
+    size    physical: markers at a time: a heel, an ankle and a toe
+    points  memory and time: that each may be, the likeliest on its own, and choices of each block that are weighed
+            exactly; half names crowds alike
     """
 
     size: int = 3
     points: int = 6
-    proposed: int = 4
 
 
 BLOCKS = BlockOptions()
@@ -47,10 +45,7 @@ def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray
 
     now are the settled frames, place (M + E,) the point that each marker has in them, extras after the set's own.
     """
-    blocks = _blocks(known.fine.mean)
-    if len(place) == now.naming.shape[1]:
-        return _turned_about(known, now, place, blocks)
-    found = [_choices(known, now, place, block) for block in blocks]
+    found = [_choices(known, now, place, block) for block in _blocks(known.fine.mean)]
     return np.concatenate(found) if found else np.zeros((0, len(place)), int)
 
 
@@ -60,43 +55,6 @@ def _blocks(mean: np.ndarray) -> np.ndarray:
     near = (apart < PAIRING.max_confused_m).sum(axis=1) >= BLOCKS.size
     order = np.argsort(apart, axis=1, kind="stable")
     return np.unique(np.sort(order[near, : BLOCKS.size], axis=1), axis=0)
-
-
-def _turned_about(known: Known, now: Settled, place: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """(X, M) the likeliest ways to give the points of each block (K, B) to its markers again, out of `place` (M,).
-
-    By what they win over the names so far, which is known without letting go of any: that of normal densities.
-    """
-    there = now.present[:, place[blocks]].swapaxes(0, 1)
-    blocks = blocks[(there.mean(axis=1) >= REFUSAL.min_half).all(axis=1)]
-    if not len(blocks):
-        return np.zeros((0, len(place)), int)
-    count, size = blocks.shape
-    turns = np.array(list(permutations(range(size)))[1:])
-    precision, pull = _held_together(known, now, blocks)
-    points = now.points[:, place[blocks]].swapaxes(0, 1)
-    moved = (points[:, :, turns] - points[:, :, None]).reshape(count, len(now.points), len(turns), 3 * size)
-    square = ((moved @ precision) * moved).sum(axis=3) + 2 * (moved @ pull[..., None])[..., 0]
-    there = now.present[:, place[blocks]].all(axis=2).T
-    usual = middle_of_known(np.where(there[:, None], square.swapaxes(1, 2), np.nan))
-    best = np.argsort(usual, axis=1, kind="stable")[:, : BLOCKS.proposed - 1]  # as they are is proposed, too
-    block, turn = np.nonzero(np.isfinite(np.take_along_axis(usual, best, axis=1)))
-    rows = np.tile(np.arange(len(place)), (len(block), 1))
-    taken = np.take_along_axis(blocks[block], turns[best[block, turn]], axis=1)
-    np.put_along_axis(rows, blocks[block], taken, axis=1)
-    return np.unique(rows, axis=0)
-
-
-def _held_together(known: Known, now: Settled, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The precision (K, F, 3 B, 3 B) 1/m² of the points of blocks (K, B) by all others, and (K, F, 3 B) 1/m what pulls.
-
-    With the points in the names so far, that is their noise less what the shape is known by; so it is for Gaussians.
-    """
-    half = now.spread[:, blocks].swapaxes(0, 1).reshape(len(blocks), len(now.points), -1, now.spread.shape[3])
-    inverse = 1 / np.repeat(known.fine.noise[blocks], 3, axis=1)[:, None]
-    shared = half @ half.swapaxes(2, 3)
-    precision = inverse[..., None] * (np.eye(inverse.shape[2]) - shared * inverse[..., None, :])
-    return precision, inverse * now.left[:, blocks].swapaxes(0, 1).reshape(*half.shape[:3])
 
 
 def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -> np.ndarray:
@@ -116,7 +74,7 @@ def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -
     choice = np.array(list(product(*likely)))
     choice = choice[(np.diff(np.sort(choice, axis=1), axis=1) > 0).all(axis=1)]
     square = _square(covariance, away, tuple(range(len(block))), choice)
-    choice = free[choice[np.argsort(square, kind="stable")[: BLOCKS.proposed]]]
+    choice = free[choice[np.argsort(square, kind="stable")[: BLOCKS.points]]]
     rows = [_row(block, other, every) for other in choice if (other != block).any()]
     return np.array(rows, dtype=int).reshape(-1, every)
 
@@ -157,16 +115,11 @@ def _row(block: np.ndarray, other: np.ndarray, every: int) -> np.ndarray:
 class LayoutNamingOptions:
     """How names are given to the markers of a crowd.
 
-    min_gain      log likelihood of the middle frame by which other names must be better; measured: twice of it names
-                  4 % of crowds wrong, half none
-    max_question  log odds below which what is right is a question, and that a quick look may be wrong by; measured:
-                  half or twice names crowds alike
-    block         memory: exchanges at once
+    min_gain  log likelihood of the middle frame by which other names must be better; measured: twice of it names
+              4 % of crowds wrong, half none
     """
 
     min_gain: float = 0.3
-    max_question: float = 6.0
-    block: int = 16
 
 
 LAYOUT_NAMING = LayoutNamingOptions()
@@ -187,13 +140,13 @@ class Question:
 
 
 def named_by_layout(
-    likelihood: Likelihood, placed: np.ndarray, held: np.ndarray, absent: bool
+    likelihood: Likelihood, placed: np.ndarray, held: np.ndarray
 ) -> tuple[np.ndarray, tuple[Question, ...]]:
     """The name (M + E,) that each marker of a crowd should have, and what is hardly sure.
 
     placed (F, M + E, 3) m in frames that show most, NaN where there is none: the set's M markers as they are named so
-    far, and E extras, of which each may be what a marker's name belongs to. The markers `held` keep their names. With
-    `absent`, names that nothing has are tried too.
+    far, and E extras, of which each may be what a marker's name belongs to. The markers `held` keep their names; those
+    that nothing has are tried too.
     """
     name, known = np.arange(placed.shape[1]), likelihood.known
     now = settled_frames(likelihood, placed)
@@ -203,11 +156,11 @@ def named_by_layout(
     questions: tuple[Question, ...] = ()
     for _ in range(LAYOUT_ROUNDS):
         place = np.argsort(name)
-        tried = _without_held(_exchanges(known, now, name, absent), held)
+        tried = _without_held(_exchanges(known, now, name), held)
         others, middle, usual = _gains(known, now, place, tried)
         questions = _questions(tried, usual, len(likelihood))
         if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
-            tried = _others_than(tried, _without_held(block_exchanges(known, now, place), held))
+            tried = _without_held(block_exchanges(known, now, place), held)
             others, middle, usual = _gains(known, now, place, tried)
             questions += _questions(tried, usual, len(likelihood))
             if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
@@ -216,12 +169,6 @@ def named_by_layout(
         name = np.argsort(place[tried[best]])
         now = settle(known.fine, known.constraints, now.points, present, others[:, best])
     return name, questions
-
-
-def _others_than(tried: np.ndarray, more: np.ndarray) -> np.ndarray:
-    """The exchanges (X, M + E) that are not among those (Y, M + E) that were tried."""
-    known = {row.tobytes() for row in tried}
-    return more[[row.tobytes() not in known for row in more]]
 
 
 def _without_held(tried: np.ndarray, held: np.ndarray) -> np.ndarray:
@@ -239,26 +186,22 @@ def _gains(
     """
     others = place[tried[:, : now.naming.shape[1]]]
     others = np.where(now.present[:, others], others, NO_POINT)
-    return others, *_usual(_scores(known, now, others) - now.score[:, None])
-
-
-def _usual(each: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the middle one of frames (F, X) wins and, where that is more, all of them on average: (X,) each."""
+    each = _scores(known, now, others) - now.score[:, None]
     middle = np.median(each, axis=0)
-    return middle, np.maximum(middle, clipped(each, 2))
+    return others, middle, np.maximum(middle, clipped(each, 2))
 
 
 def _questions(tried: np.ndarray, gain: np.ndarray, markers: int) -> tuple[Question, ...]:
     """Of exchanges (X, M + E) that are hardly worse: each marker, and the marker whose point it would take."""
     found: dict[tuple[int, int], float] = {}
     for row, value in zip(tried.tolist(), gain.tolist(), strict=True):
-        if value > -LAYOUT_NAMING.max_question:
+        if value > -OBJECTIVE.max_marker:
             for pair in [(one, other) for one, other in enumerate(row[:markers]) if one != other and other < markers]:
                 found[pair] = min(-value, found.get(pair, np.inf))
     return tuple(Question(*pair, odds) for pair, odds in found.items())
 
 
-def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np.ndarray:
+def _exchanges(known: Known, now: Settled, name: np.ndarray) -> np.ndarray:
     """(X, M + E) for each exchange that is tried, the marker whose point each marker takes.
 
     Of two that are near each other, of which one is a marker of the set and one is there; and of limbs. A marker that
@@ -274,13 +217,10 @@ def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np
         between = np.linalg.norm(at[:, :, None] - at[:, None], axis=3)
     between = np.where(np.isfinite(between), between, np.inf)
     there = seen.any(axis=0)
-    both = there | there[:, None] if absent else there & there[:, None]
+    both = there | there[:, None]
     near = (np.median(between, axis=0) < PAIRING.max_confused_m) & both
-    near[:markers, markers:] &= _worth_trying(known, now, place)
     one, other = np.nonzero(np.triu(near, 1))
     one, other = one[one < markers], other[one < markers]
-    worth = (other >= markers) | _may_gain(known, now, one, np.minimum(other, markers - 1))
-    one, other = one[worth], other[worth]
     pairs = np.tile(np.arange(every), (len(one), 1))
     rows = np.arange(len(one))
     pairs[rows, one], pairs[rows, other] = other, one
@@ -288,35 +228,12 @@ def _exchanges(known: Known, now: Settled, name: np.ndarray, absent: bool) -> np
     return np.concatenate([pairs, np.concatenate([limbs, rest], axis=1)])
 
 
-def _may_gain(known: Known, now: Settled, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(K,) whether names may gain by an exchange of markers (K,), or nearly, by what it does to them alone.
-
-    That is quickly known, but of a point that is far from where the other's marker is expected.
-    """
-    found = alternatives(known.fine, known.constraints, now)
-    first, second = now.named[:, one], now.named[:, other]
-    moved = np.where(first, found.move[:, one, other], found.move[:, other, one])
-    swapped = found.swap[:, np.maximum(one, other), np.minimum(one, other)]
-    each = np.where(first & second, swapped, np.where(first | second, moved, 0.0))
-    unknown = (each <= IMPOSSIBLE).any(axis=0)
-    return unknown | (_usual(each)[1] > -2 * LAYOUT_NAMING.max_question)
-
-
-def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
-    """(M, E) whether a marker may be an extra, by what all others say of it: that is quickly known."""
-    markers = now.naming.shape[1]
-    odds = name_odds(known.fine, known.constraints, now)
-    own = np.take_along_axis(odds, np.maximum(now.naming, 0)[..., None], axis=2)
-    gain = odds[:, :, place[markers:]] - np.where(now.named[..., None], own, 0)
-    return np.median(gain, axis=0) > -2 * LAYOUT_NAMING.max_question
-
-
 def _scores(known: Known, now: Settled, others: np.ndarray) -> np.ndarray:
     """(F, X) log likelihoods of other namings (F, X, M) of frames."""
     found = np.empty(others.shape[:2])
-    for first in range(0, others.shape[1], LAYOUT_NAMING.block):
-        some = others[:, first : first + LAYOUT_NAMING.block]
+    for first in range(0, others.shape[1], PAIRING.block):
+        some = others[:, first : first + PAIRING.block]
         points, worth = (np.repeat(part, some.shape[1], axis=0) for part in (now.points, now.worth))
         score = score_of(known.fine, known.constraints, points, worth, some.reshape(-1, some.shape[2]))
-        found[:, first : first + LAYOUT_NAMING.block] = score.reshape(some.shape[:2])
+        found[:, first : first + PAIRING.block] = score.reshape(some.shape[:2])
     return found

@@ -26,9 +26,9 @@ from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
 from .likeness import LIKENESS, NO_EVIDENCE, changed, of_frames, steadiest
+from .objective import OBJECTIVE
 from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
-from .search import SEARCH
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
@@ -200,7 +200,7 @@ class _Given:
             if not may_be[row, best] or own <= NO_EVIDENCE:
                 continue
             rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
-            if min(own - rivals.max(initial=-np.inf), own * worth[row, best] - NO_EVIDENCE) > SEARCH.margin:
+            if min(own - rivals.max(initial=-np.inf), own * worth[row, best] - NO_EVIDENCE) > OBJECTIVE.max_marker:
                 self.marker[int(number[new[row]])] = marker[new[row]] = best
                 now[best] = points[new[row]]
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...data.takes import BY_EDIT, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from ...edits.replay import ANYBODY, FREE, NOBODY, Edited
+from ..refusals import REFUSAL
 from .tracklets import Tracklets
 
 if TYPE_CHECKING:
@@ -24,12 +25,10 @@ if TYPE_CHECKING:
 class RulingOptions:
     """How much edits say.
 
-    odds        format: log odds of what a person said: more than all frames and distances together
-    min_nobody  format: part of a tracklet's frames, in most of which its marker is nobody's, for it not to be that one
+    odds  format: log odds of what a person said: more than all frames and distances together
     """
 
     odds: float = 1000.0
-    min_nobody: float = 0.5
 
 
 RULING = RulingOptions()
@@ -124,7 +123,7 @@ class Rulings:
         for marker in np.flatnonzero((edited.claim == NOBODY).any(axis=0)):
             own = tracklets.table[edited.claim[:, marker] == NOBODY]
             part = np.bincount(own[own >= 0], minlength=len(tracklets)) / tracklets.count
-            votes[part >= RULING.min_nobody, marker] = -RULING.odds
+            votes[part >= REFUSAL.min_half, marker] = -RULING.odds
         votes[rule >= markers] = -RULING.odds  # what has no name by an edit takes none from another
         some = np.flatnonzero(held != NO_MARKER)
         votes[some] = -RULING.odds

@@ -43,7 +43,6 @@ class SearchOptions:
     least      format: nats in all of the take by which a naming must be worth more: rounding must not choose of equals
     borne_out  measured: of the odds a frame of the usual marker, with less of which one is in doubt; in takes that are
                right 0.68 at least, and where limbs are one place off some marker has less
-    margin     measured: log odds a frame that a tracklet must be ahead; exchanged wrists are by 2.9 to 4.7
     sweeps     measured: over all groups; with one 2 % of plates and of people of other labs are lost
     chains     measured: that are tried; with 16 a turned plate of S02 is not found
     links      physical: of a chain: a shoulder, an elbow and a hand's three
@@ -53,7 +52,6 @@ class SearchOptions:
     sizes: tuple[int, ...] = (5, 9, 14)
     least: float = 5.0
     borne_out: float = 0.6
-    margin: float = 6.0
     sweeps: int = 3
     chains: int = 48
     links: int = 5
@@ -189,7 +187,7 @@ class Search:
         """The tracklets that are named and nearly as likely something else, the least sure first."""
         tracklets, weight = self.objective.tracklets, self.objective.weight
         margin = margins(self._odds, self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
-        some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < SEARCH.margin))
+        some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < OBJECTIVE.max_marker))
         return some[np.argsort(margin[some], kind="stable")].tolist()
 
     def _of_one(self, tracklet: int) -> Iterator[np.ndarray]:
@@ -373,7 +371,7 @@ class Search:
         """
         marker, tracklets, markers = self.best.marker, self.objective.tracklets, self.objective.markers
         own = (marker != NO_MARKER) & (marker < markers)
-        likely = self._odds[:, :markers] > -SEARCH.margin
+        likely = self._odds[:, :markers] > -OBJECTIVE.max_marker
         likely |= (marker >= markers)[:, None] & self._doubted()
         free = (marker == NO_MARKER) & lasting(tracklets, self.objective.rate)
         likely |= free[:, None] & ~self.seldom()[:markers]
@@ -438,26 +436,11 @@ class Search:
                 yield self._exchanged(np.append(limb, np.arange(markers, every)), slots)
         one, other = np.nonzero(self._of_two(now) > -OBJECTIVE.max_marker)
         for pair in zip(one.tolist(), other.tolist(), strict=True):
-            exchanged = self._completed(self._of_pair(*pair, slots), *pair)
+            exchanged = self._of_pair(*pair, slots)
             yield exchanged
             # What had the marker's name may be no marker of anything, which as an extra costs.
             if markers <= pair[1] < markers + self.objective.extras:
                 yield np.where(exchanged == pair[1], NO_MARKER, exchanged)
-
-    def _completed(self, marker: np.ndarray, name: int, extra: int) -> np.ndarray:
-        """(N,) the names in which what has none and was likely an extra has the name that this has got.
-
-        A marker has its gaps filled as soon as it is one, and an extra has not: it would look worse for that alone.
-        """
-        if not self.objective.markers <= extra < self.objective.markers + self.objective.extras:
-            return marker
-        tracklets = self.objective.tracklets
-        free = (marker == NO_MARKER) & (tracklets.held == NO_MARKER) & (tracklets.votes[:, name] > -RULING.odds)
-        free = np.flatnonzero(free & (self._odds[:, extra] > 0))
-        for tracklet in free[np.argsort(-self._odds[free, extra], kind="stable")].tolist():
-            if not (self._beside(tracklet) & (marker == name)).any():
-                marker[tracklet] = name
-        return marker
 
     def _of_two(self, now: Settled) -> np.ndarray:
         """(M, M + E) what frames `now` win if two exchange names; each two once, minus infinity elsewhere."""

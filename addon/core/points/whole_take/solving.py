@@ -134,15 +134,13 @@ class _Solving:
     def solved(self, moves: Moves) -> Generator[float, None, Solution]:
         """What frames came to spread over the take, and mended by some moves."""
         questions: tuple[Question, ...] = ()
-        last = len(ROUNDS.freedoms)
-        # Once more at the end of a crowd: what nothing else could be may be in the place of a marker.
-        for number, freedom in enumerate((*ROUNDS.freedoms, *ROUNDS.freedoms[-1:] * self.crowd)):
-            yield number / (last + 1)
-            if number and self.crowd and not self._add_extras() and number == last:
-                break
+        for number, freedom in enumerate(ROUNDS.freedoms):
+            yield number / len(ROUNDS.freedoms)
+            if number and self.crowd:
+                self._add_extras()
             self._spread(freedom)
             if self.crowd:
-                before, questions = self.marker, self._put_in_place(absent=number > 0)
+                before, questions = self.marker, self._put_in_place()
                 if (before != self.marker).any():
                     self._spread(freedom)
         if self.crowd:
@@ -163,7 +161,7 @@ class _Solving:
             search.propose(rival)
         return self._solution(search.best.marker, (), search)
 
-    def _put_in_place(self, absent: bool) -> tuple[Question, ...]:
+    def _put_in_place(self) -> tuple[Question, ...]:
         """Names the markers of a crowd by where training knows them to sit; the questions that are left.
 
         All that is on one body keeps its distances, whatever it is called. Two that may be each other are both unsure
@@ -174,7 +172,7 @@ class _Solving:
         placed = self.objective.every_placed(self.marker)
         shown = placed[fullest_frames(np.isfinite(placed[:, : self.markers, 0]))]
         held = np.unique(self.tracklets.held[self.tracklets.held != NO_MARKER])
-        name, questions = named_by_layout(self.objective.model.learned_likelihood, shown, held, absent)
+        name, questions = named_by_layout(self.objective.model.learned_likelihood, shown, held)
         self.marker = self.tracklets.with_held(np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER))
         return tuple(replace(question, odds=question.odds * MARGINS.looks) for question in questions)
 

@@ -90,7 +90,7 @@ def test_three_that_are_each_in_the_place_of_the_next_are_put_right(model, marke
     foot = [model.markerset.markers.index(name) for name in FOOT]
     placed = markers.copy()
     placed[:, foot] = markers[:, [foot[index] for index in turned]]
-    name, _ = named_by_layout(model.likelihood, placed[::20], np.zeros(0, int), False)
+    name, _ = named_by_layout(model.likelihood, placed[::20], np.zeros(0, int))
     assert (name[foot] == [foot[index] for index in turned]).all()
     assert (np.delete(name, foot) == np.delete(np.arange(len(name)), foot)).all()
 

@@ -290,20 +290,6 @@ def test_an_extra_that_lasts_is_not_left_out_again_and_a_marker_may_be(model, ma
     assert left_out == {0: True, 26: False}
 
 
-def test_an_extra_that_is_tried_as_a_marker_is_it_in_its_pieces_without_a_name_too(model, markers):
-    """Else it has gaps that what has the name has not, and the name looks surer than it is."""
-    toe, extra = model.markerset.index("LTOE"), len(model.markerset)
-    beside = markers[:, [toe]] + [0.0, 0.0, 0.01]
-    beside[40:60] = np.nan
-    points, whose = pieces(np.concatenate([markers, beside], axis=1), hidden=0)
-    objective, truth = objective_of(model, points, whose)
-    objective.extras = 1
-    of_extra = np.flatnonzero(truth == extra)
-    shorter = of_extra[objective.tracklets.count[of_extra].argmin()]
-    search = Search(objective, np.where(np.arange(len(truth)) == shorter, NO_MARKER, truth), USUAL_FREEDOM)
-    assert any((tried[of_extra] == toe).all() for tried in search._exchanges())
-
-
 def test_what_had_the_name_of_an_extra_that_takes_it_may_be_nothing(model, markers):
     toe, extra = model.markerset.index("LTOE"), len(model.markerset)
     points, whose = np.concatenate([markers, markers[:, [toe]] + [0.0, 0.0, 0.01]], axis=1), np.arange(extra + 1)
@@ -366,18 +352,18 @@ def test_of_a_limb_nobody_wears_one_marker_alone(model, markers):
         assert len(margin) and ((margin == 0) == bool(away)).all()
 
 
-def layout_names(model, placed: np.ndarray, absent: bool):
+def layout_names(model, placed: np.ndarray):
     """What the layout says of markers placed (T, M, 3) m, of which nobody has named one."""
     shown = placed[fullest_frames(np.isfinite(placed[..., 0]))]
-    return named_by_layout(model.likelihood, shown, np.zeros(0, int), absent)
+    return named_by_layout(model.likelihood, shown, np.zeros(0, int))
 
 
 def test_names_exchanged_in_all_of_the_take_are_put_right_and_those_that_are_right_stay(model, markers):
     for pair in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
         order = exchanged(model, *pair)
-        name, _ = layout_names(model, markers[:, order], False)
+        name, _ = layout_names(model, markers[:, order])
         assert name.tolist() == order.tolist(), pair
-    name, questions = layout_names(model, markers, True)
+    name, questions = layout_names(model, markers)
     assert name.tolist() == list(range(len(model.markerset)))
     assert all(question.odds >= -1 for question in questions)
 
@@ -387,7 +373,7 @@ def test_names_that_some_poses_contradict_are_a_question(model, markers):
     placed = markers.copy()
     placed[::3, [one, other]] = placed[::3, [other, one]]
     placed[1::9, [one, other]] = placed[1::9, [other, one]]
-    name, questions = layout_names(model, placed, False)
+    name, questions = layout_names(model, placed)
     assert name.tolist() == list(range(len(name)))
     assert {one, other} in [{question.one, question.other} for question in questions]
 
