@@ -347,7 +347,9 @@ class ReadyRig:
             before.pose(rig, set(movers[1:]) - going)
             carriers = np.array([loose[at] if names[at] in going else carriers[at] for at in range(count)])
             matrices = matrices[:count]
-            axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=True)})
+            # What carries the hips may be posed, as files come in; how a rig stands, its rest says.
+            posed = matrices[0, :3, :3] @ np.array(rig.data.bones[names[0]].matrix_local)[:3, :3].T
+            axes = posed @ axes_at_rest(dict(zip(parts, matrices[:, :3, 3] @ posed, strict=True)))
             if not stands(dict(zip(parts, matrices[:, :3, 3] @ axes, strict=True))):
                 raise InputError(
                     f"{rig.name} does not stand at rest; expected its head over its hips, and these over its knees"

@@ -693,6 +693,23 @@ def test_hips_connected_to_a_root_go_with_it(shown):
         assert (heads[0] - heads[1]).length < 1e-4
 
 
+def test_feet_stand_as_at_rest_on_a_rig_whose_root_is_tilted(shown):
+    rigs = [unreal(), unreal()]
+    bpy.context.view_layer.objects.active = tilted = rigs[1]
+    bpy.ops.object.mode_set(mode="EDIT")
+    root = tilted.data.edit_bones.new("root")
+    root.tail = 0, 0.3, 0.1
+    tilted.data.edit_bones[UNREAL["hips"]].parent = root
+    bpy.ops.object.mode_set(mode="OBJECT")
+    tilted.pose.bones["root"].rotation_quaternion = 0.9, 0.2, 0.3, 0.1
+    for rig in rigs:
+        retargeted(rig, feet=True)
+    for frame in (int(shown.motion.frames[0]), int(shown.motion.frames[-1])):
+        bpy.context.scene.frame_set(frame)
+        places = [[rig.pose.bones[UNREAL[f"{part}.L"]].head for part in ("foot", "toes")] for rig in rigs]
+        np.testing.assert_allclose(*places, atol=1e-3)
+
+
 def test_what_hangs_on_a_rig_does_not_move_each_time_it_is_asked(shown):
     rig, solver, _ = leg_by_ik()
     seen = []

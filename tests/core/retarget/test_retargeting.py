@@ -86,7 +86,8 @@ def test_a_rig_stands_on_the_floor_where_feet_are_kept_however_high_the_person_s
     assert (np.ptp(found, axis=0).max() < 0.002) == feet
 
 
-def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_the_body_s(squats):
+def on_tiptoe(squats):
+    """A body that comes up on its toes and stays so: its character, joints and rotations."""
     character, (joints, rotations) = squats
     lift = 0.9 * np.clip((np.arange(120) - 40) / 15, 0, 1)
     still, turns = joints[:1].repeat(120, axis=0), rotations[:1].repeat(120, axis=0)
@@ -97,6 +98,31 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     turns[:, foot] = up @ turns[:, foot]
     others = np.delete(np.arange(still.shape[1]), toes)
     still[:, others] += (way - (up @ way[..., None])[..., 0]).mean(axis=1, keepdims=True)
+    return character, (still, turns)
+
+
+def turned_apart(turns, others):
+    """Degrees between turns (…, 3, 3)."""
+    cosine = (np.trace(turns @ others.swapaxes(-2, -1), axis1=-2, axis2=-1) - 1) / 2
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def test_hips_go_with_legs_whose_feet_are_longer_so_that_knees_hardly_bend(squats):
+    lifted, one = on_tiptoe(squats), rig()
+    for side in "LR":
+        ahead = (one.heads[one.at[f"toes.{side}"]] - one.heads[one.at[f"foot.{side}"]]) * (0.5, 0.5, 0)
+        one.tails[one.at[f"foot.{side}"]] += ahead
+        one.heads[one.at[f"toes.{side}"]] += ahead
+        one.tails[one.at[f"toes.{side}"]] += ahead
+    (moved, hips), (followed, path) = (retarget(*lifted, RATE, one, feet, hands=False) for feet in (True, False))
+    legs = [one.at[f"{part}.{side}"] for part in ("thigh", "shank") for side in "LR"]
+    assert turned_apart(moved[:, legs], followed[:, legs]).max() < 6
+    assert np.abs(np.diff(hips - path, 2, axis=0)).max() < 0.001
+
+
+def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_the_body_s(squats):
+    character, (still, turns) = on_tiptoe(squats)
+    at = dict(zip(character.names, character.segment, strict=True))
     one = rig(size=1.15)
     found = retarget(character, (still, turns), RATE, one, feet=True, hands=False)
     feet, toes = ([one.at[f"{part}.{side}"] for side in "LR"] for part in ("foot", "toes"))
