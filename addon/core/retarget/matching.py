@@ -138,10 +138,13 @@ def read_as(names: Iterable[str]) -> dict[str, str]:
     return {name: part for name, (part, _) in _read(names).items()}
 
 
-def _read(names: Iterable[str]) -> dict[str, tuple[str, int]]:
-    """The parts that names say, by name, with how far down its list of words the one stands that says it."""
+def _read(names: Iterable[str], ends: Iterable[str] = ()) -> dict[str, tuple[str, int]]:
+    """The parts that names say, by name, with how far down its list of words the one stands that says it.
+
+    A knee or an elbow among the `ends`, which carry no bone, is a pole.
+    """
     words = {name: _words(name) for name in names}
-    last = {own[-1] for own, _ in words.values() if own}
+    last = {own[-1] for name, (own, _) in words.items() if own and name not in ends}
     table = JOINT_WORDS if {"elbow", "knee"} <= last else BONE_WORDS
     parts: dict[str, list[tuple[bool, int, str]]] = {}
     for part, known in table.items():
@@ -170,7 +173,8 @@ def match_names(bones: RestBones) -> dict[str, int]:
     A volume in one is the last choice. What is in the middle of a skirt is no finger. Toes that are apart have no bone
     for all.
     """
-    found, read = defaultdict(list), _read(bones.names)
+    ends = {name for at, name in enumerate(bones.names) if not bones.below(at)}
+    found, read = defaultdict(list), _read(bones.names, ends)
     for name, (part, rank) in read.items():
         at, words = bones.names.index(name), _words(name, keep=True)[0]
         above = bones.above(at)[1:]

@@ -350,6 +350,11 @@ def test_the_first_bone_of_a_finger_is_the_finger(names, index):
     assert match_bones(at_rest(names, extra=extra)) == without_between(names) | {"index.L": index.format(1)}
 
 
+def test_knees_and_elbows_that_carry_nothing_are_poles():
+    extra = [("knee_l", "foot.L", (0.1, -0.5, 0.5)), ("elbow_l", "hips", (0.5, 0.4, 1.4))]
+    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL)
+
+
 def test_volumes_in_limbs_are_none_of_them_whatever_they_are_called():
     """As Second Life has them, in a rig that calls bones after joints."""
     extra = [
