@@ -139,16 +139,27 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     assert tip[:, 2].min() > one.tails[toes[0], 2] - 0.004
 
 
-@pytest.mark.parametrize("end", [(0.02, 0.05, 0.1), (0.1, 0, 0), (0, 0.1, -0.05)])
-def test_a_foot_without_toes_whose_bone_points_elsewhere_stands_as_one_with_toes(squats, end):
-    whole = rig(size=1.1)
+def without_toes(whole):
+    """A rig without its toes, and which of its bones there still are."""
     kept = [index for index, part in enumerate(whole.parts) if not part.startswith("toes")]
     follows = np.array([kept.index(above) if above >= 0 else -1 for above in whole.follows[kept]])
-    one = Rig(tuple(whole.parts[index] for index in kept), follows, whole.heads[kept], whole.tails[kept])
+    return Rig(tuple(whole.parts[index] for index in kept), follows, whole.heads[kept], whole.tails[kept]), kept
+
+
+# To other sides, and ahead, as short and as long as importers make a bone at the end.
+@pytest.mark.parametrize("end", [(0.02, 0.05, 0.1), (0.1, 0, 0), (0, 0.1, -0.05), (0, -0.005, 0), (0, -0.4, -0.05)])
+def test_a_foot_without_toes_whose_bone_points_elsewhere_stands_as_one_with_toes(squats, end):
+    whole = rig(size=1.1)
+    one, kept = without_toes(whole)
     feet = [one.at[f"foot.{side}"] for side in "LR"]
     one.tails[feet] = one.heads[feet] + end
-    found = [retarget(*squats, RATE, each, feet=True, hands=False)[0] for each in (one, whole)]
-    np.testing.assert_allclose(found[0], found[1][:, kept], atol=0.25)
+    found = [retarget(*on_tiptoe(squats), RATE, each, feet=True, hands=False)[0] for each in (one, whole)]
+    np.testing.assert_allclose(found[0], found[1][:, kept], atol=0.05)
+
+
+def test_a_rig_without_toes_whose_origin_is_elsewhere_stands_on_its_soles_not_its_ankles(squats):
+    found = [retarget(*squats, RATE, without_toes(rig(raised=up))[0], feet=True, hands=False)[1] for up in (-1, 0)]
+    np.testing.assert_allclose(*found, atol=0.04)
 
 
 def test_a_rig_stands_whose_head_is_over_its_hips_over_its_knees():
