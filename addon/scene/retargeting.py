@@ -53,7 +53,8 @@ def rest_bones(rig: bpy.types.Object) -> RestBones:
     heads, tails = (
         np.array([getattr(bone, end) for bone in bones]).reshape(-1, 3) for end in ("head_local", "tail_local")
     )
-    return RestBones(tuple(bone.name for bone in bones), parents, heads, tails)
+    held = any(bone.constraints for bone in rig.pose.bones)
+    return RestBones(tuple(bone.name for bone in bones), parents, heads, tails, held)
 
 
 def retarget_take(

@@ -352,6 +352,17 @@ def test_rigify_is_moved_by_its_controls(shown):
     rig.update_tag()
     off = ways_off(shown, rig, names)  # the left leg's are the third and the fourth
     assert MOST_OFF < off[:, 2:4].max() < BY_IK_OFF
+    # In a file of a game constraints are gone, and trunk and limbs hang on different bones.
+    game = generated()
+    for bone in game.pose.bones:
+        for held in list(bone.constraints):
+            bone.constraints.remove(held)
+    retargeted(game)
+    names = {f"{part}.{side}": f"DEF-{word}.{side}" for part, word in words.items() for side in "LR"}
+    assert ways_off(shown, game, names).max() < MOST_OFF
+    hips, thigh = (game.data.bones[f"DEF-{name}"].head_local for name in ("spine", "thigh.L"))
+    apart = game.pose.bones["DEF-spine"].head - game.pose.bones["DEF-thigh.L"].head
+    assert apart.length == pytest.approx((hips - thigh).length, abs=1e-4)
 
 
 def test_fingers_that_are_worn_move_those_of_rigs_and_of_the_character(empty, made, extension, tmp_path):

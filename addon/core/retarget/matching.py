@@ -40,6 +40,8 @@ CONTROLS = (
     ),
     {part: name for part, name in BONE_NAMES["RIGIFY"].items() if part not in FINGER_PARTS},
 )
+# What of them moves the mesh in game files, to which constraints do not go; limbs hang on others than the spine.
+DEFORMING = {part: f"DEF-{name}" for part, name in BONE_NAMES["RIGIFY"].items()}
 # What the last words of a bone's name are, the surest first, in English and, as MikuMikuDance has them, in Japanese;
 # rigs that call bones after their joints have other ones.
 BONE_WORDS = {
@@ -85,6 +87,7 @@ class RestBones:
     parents: np.ndarray  # (N,) index of the one above, -1 for none
     heads: np.ndarray  # (N, 3) where each begins, and
     tails: np.ndarray  # (N, 3) where it ends, in the armature's axes and unit
+    held: bool = True  # whether constraints hold any; else controls move nothing
 
     def above(self, index: int) -> list[int]:
         """A bone and those above it, up to the root."""
@@ -118,7 +121,9 @@ class RestBones:
 
 def match_bones(bones: RestBones) -> dict[str, str]:
     """The bone of a rig for each part of a body that it has one for; none where it is no person's."""
-    for table in CONTROLS:
+    if not bones.held and {name for part, name in DEFORMING.items() if part not in FINGER_PARTS} <= set(bones.names):
+        return {part: name for part, name in DEFORMING.items() if name in bones.names}
+    for table in CONTROLS if bones.held else ():
         controls = {part: name for part, name in table.items() if name != "-"}
         if set(controls.values()) <= set(bones.names):
             fingers = {part: bones.names[at] for part, at in match_names(bones).items() if part in FINGER_PARTS}
@@ -168,7 +173,7 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 
 
 def match_names(bones: RestBones) -> dict[str, int]:
-    """The parts that the words in the names of bones say: of several the control, or the surest and plainest name.
+    """The parts that the words in the names of bones say: of several the control that moves others, or the surest name.
 
     A volume in one is the last choice. What is in the middle of a skirt is no finger. Toes that are apart have no bone
     for all.
@@ -183,7 +188,7 @@ def match_names(bones: RestBones) -> dict[str, int]:
         if "mid" in words and part.startswith("middle") and f"hand{part[-2:]}" not in near:
             continue
         volume = part in near and not bones.below(at)
-        found[part].append(("fk" not in words, volume, rank, len(words), len(above), at))
+        found[part].append((bones.held and "fk" not in words, volume, rank, len(words), len(above), at))
     first = {part: min(several) for part, several in found.items() if part in PARTS}
     for part in [part for part in first if part.startswith("toes")]:
         alike = [bones.parents[one[-1]] for one in found[part] if one[:-1] == first[part][:-1]]

@@ -11,7 +11,7 @@ from addon.core.data.errors import InputError
 from addon.core.geometry.rotations import exponential
 from addon.core.posing.character import BONE_NAMES, both_sides, character_of
 from addon.core.posing.finer import finer
-from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
+from addon.core.retarget.matching import CONTROLS, DEFORMING, RestBones, match_bones, match_map, read_as
 from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget, stands
 from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
@@ -440,6 +440,16 @@ def test_control_rigs_are_known_by_their_controls(table):
     far = np.zeros((len(names), 3))
     found = match_bones(RestBones(names, np.full(len(names), -1), far, far))
     assert found == {part: name for part, name in table.items() if name != "-"}
+
+
+def test_in_files_of_games_what_deforms_is_moved_not_controls_that_move_nothing():
+    extra = [("thigh_fk_l", "hips", (0.1, 0, 0.94)), ("lowerarm_fk_l", "chest", (0.48, 0, 1.45))]
+    rig = at_rest(UNREAL, extra=extra)
+    assert match_bones(rig)["thigh.L"] == "thigh_fk_l"
+    assert match_bones(replace(rig, held=False)) == without_between(UNREAL)
+    names = (*DEFORMING.values(), *(name for name in CONTROLS[0].values()))
+    far = np.zeros((len(names), 3))
+    assert match_bones(RestBones(names, np.full(len(names), -1), far, far, held=False)) == DEFORMING
 
 
 def test_bones_that_hang_on_controls_are_none_of_a_person_s():
