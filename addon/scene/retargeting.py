@@ -273,7 +273,7 @@ class ReadyRig:
     bones     the names of its C bones that move, and
     modes     how each of them and of `resting` turns
     mover     the name of the one whose location moves all: the first, or what that is connected to
-    resting   the names of those that stay as at rest, because they would turn the others
+    resting   the names of those that stay as at rest, because they would turn or move the others
     rest      what they are, and where, in the axes of a character
     turners   (C,) index of the one that each turns with, -1 for none of them
     place     (4, 4) where it stands
@@ -312,6 +312,7 @@ class ReadyRig:
         movers, count = [mover.name, *(name for name, _ in found)], len(names)
         resting = [one for one in KEPT_AT_REST if "torso" in names and one not in names and one in rig.pose.bones]
         resting += [mover.name] * (mover.name not in names)
+        resting += [one for one in _posed_between(rig, names, mover) if one not in resting]
         modes = {name: rig.pose.bones[name].rotation_mode for name in (*names, *movers, *resting)}
         before = KeptPose.of(rig, list(modes), names)
         before.switch(rig)
@@ -406,6 +407,16 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     if twice := [bone for number, (_, bone) in enumerate(found) if bone in [one for _, one in found[:number]]]:
         raise InputError(f"{twice[0]} of {rig.name} stands for two parts of the body; expected a bone for each")
     return found
+
+
+def _posed_between(rig: bpy.types.Object, names: Sequence[str], mover: bpy.types.Bone) -> list[str]:
+    """The bones that are posed and carry some of these, but not their first: as files come in, which makes legs longer.
+
+    What carries all is where a person put the rig.
+    """
+    apart = {*names, mover.name, *(bone.name for bone in mover.parent_recursive)}
+    above = {bone.name for name in names for bone in rig.data.bones[name].parent_recursive} - apart
+    return sorted(name for name in above if rig.pose.bones[name].matrix_basis != Matrix())
 
 
 def _end(bone: bpy.types.Bone, part: str) -> Vector:

@@ -704,6 +704,21 @@ def test_hips_connected_to_a_root_go_with_it(shown):
         assert (heads[0] - heads[1]).length < 1e-4
 
 
+def test_what_is_posed_between_bones_of_a_leg_is_put_at_rest(shown):
+    """As bones of a file that comes in with an animation are."""
+    rig = unreal()
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    shank, between = rig.data.edit_bones[UNREAL["shank.L"]], rig.data.edit_bones.new("between")
+    between.head, between.tail, between.parent = shank.head, shank.tail, shank.parent
+    shank.parent = between
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig.pose.bones["between"].location = 0.1, 0.1, 0
+    retargeted(rig)
+    assert rig.pose.bones["between"].matrix_basis == Matrix()
+    assert ways_off(shown, rig, UNREAL).max() < MOST_OFF
+
+
 def test_feet_stand_as_at_rest_on_a_rig_whose_root_is_tilted(shown):
     rigs = [unreal(), unreal()]
     bpy.context.view_layer.objects.active = tilted = rigs[1]
