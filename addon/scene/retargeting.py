@@ -221,7 +221,8 @@ class KeptPose:
         ]
         former = _former(rig)
         for bone in turned:
-            for held in (one for one in bones[bone].constraints if one.type in HOLDING and not one.mute):
+            holding = HOLDING | ({"ARMATURE"} if bones[bone].parent else set())  # which hangs on others, too
+            for held in (one for one in bones[bone].constraints if one.type in holding and not one.mute):
                 path = held.path_from_id("influence")
                 held_by = held.influence or path in former
                 if held_by and path not in driven and path.replace(".influence", ".mute") not in driven:

@@ -100,6 +100,11 @@ def within_limits(rig):
     held.use_min_x = held.use_max_x = True
 
 
+def hanging_on_two(rig):
+    target = rig.pose.bones[UNREAL["hand.L"]].constraints.new("ARMATURE").targets.new()
+    target.target, target.subtarget = rig, UNREAL["hips"]
+
+
 def stretched_to_others(rig):
     rig.pose.bones[UNREAL["shank.L"]].constraints.new("STRETCH_TO").target = box()
     curve = bpy.data.objects.new("curve", bpy.data.curves.new("curve", "CURVE"))
@@ -128,7 +133,8 @@ def loose_under_strips(rig):
 
 
 @pytest.mark.parametrize(
-    "change", [on_the_hips, on_the_hips_unturned, within_limits, stretched_to_others, loose_under_strips]
+    "change",
+    [on_the_hips, on_the_hips_unturned, within_limits, hanging_on_two, stretched_to_others, loose_under_strips],
 )
 def test_limbs_hold_together_and_point_as_the_body_s_however_bones_hang(shown, change):
     other, rig = (add_rig(rig_bones(A_POSE, 1.02, 0.48, 0.7), UNREAL) for _ in range(2))
