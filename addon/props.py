@@ -465,7 +465,7 @@ class RigSettings(bpy.types.PropertyGroup):
     performer: EnumProperty(name="Performer", description="Whose motion the rig gets", items=_performer_items)
     keep_feet: BoolProperty(
         name="Keep Feet",
-        description="Feet do not slide while they are planted: the legs bend for it a little, and the hips go along",
+        description="Bend the legs so that feet do not slide while they are planted",
         default=True,
     )
     keep_hands: BoolProperty(

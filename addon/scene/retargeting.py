@@ -17,7 +17,7 @@ from mathutils import Matrix, Vector
 from ..core.body.sides import BODY_SIDES
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
-from ..core.retarget.matching import LIMBS, NO_CONTROLS, PARTS, RestBones
+from ..core.retarget.matching import LIMBS, NEEDED_PARTS, NO_CONTROLS, PARTS, RestBones
 from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget, stands
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
@@ -36,7 +36,6 @@ BLENRIG_SWITCHES = {f"{name}_{side}": 1.0 for name in ("ik_arm", "ik_leg", "spac
 HOLDING = {"IK", "SPLINE_IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO", "LOCKED_TRACK"}
 HOLDING |= {"STRETCH_TO", "LIMIT_ROTATION", "LIMIT_LOCATION"}
 KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
-NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
 TURNED_PARTS = "hips", *LIMBS[0][:2], *LIMBS[1][:2]  # without which a body does not move as another
 MATCHED = "mocap_matched"  # on an action: the bones of its rig, by the parts of the body that they are
@@ -53,7 +52,8 @@ def rest_bones(rig: bpy.types.Object) -> RestBones:
     heads, tails = (
         np.array([getattr(bone, end) for bone in bones]).reshape(-1, 3) for end in ("head_local", "tail_local")
     )
-    held = any(bone.constraints for bone in rig.pose.bones)
+    deforming = [bone for bone in rig.pose.bones if bone.name.startswith(("DEF-", "ORG-"))] or rig.pose.bones
+    held = any(bone.constraints for bone in deforming)
     return RestBones(tuple(bone.name for bone in bones), parents, heads, tails, held)
 
 
@@ -411,13 +411,13 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
 
 
 def _posed_between(rig: bpy.types.Object, names: Sequence[str], mover: bpy.types.Bone) -> list[str]:
-    """The bones that are posed and carry some of these, but not their first: as files come in, which makes legs longer.
+    """The bones that are posed and carry some of these, but not all: as files come in, which makes legs longer.
 
     What carries all is where a person put the rig.
     """
-    apart = {*names, mover.name, *(bone.name for bone in mover.parent_recursive)}
-    above = {bone.name for name in names for bone in rig.data.bones[name].parent_recursive} - apart
-    return sorted(name for name in above if rig.pose.bones[name].matrix_basis != Matrix())
+    above = [{bone.name for bone in rig.data.bones[name].parent_recursive} for name in names]
+    some = set.union(*above) - set.intersection(*above) - {*names, mover.name}
+    return sorted(name for name in some if rig.pose.bones[name].matrix_basis != Matrix())
 
 
 def _end(bone: bpy.types.Bone, part: str) -> Vector:

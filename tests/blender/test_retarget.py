@@ -363,6 +363,7 @@ def test_rigify_is_moved_by_its_controls(shown):
     for bone in game.pose.bones:
         for held in list(bone.constraints):
             bone.constraints.remove(held)
+    game.pose.bones["hand_ik.L"].constraints.new("CHILD_OF")  # of a person's own
     retargeted(game)
     names = {f"{part}.{side}": f"DEF-{word}.{side}" for part, word in words.items() for side in "LR"}
     assert ways_off(shown, game, names).max() < MOST_OFF
@@ -723,6 +724,29 @@ def test_what_is_posed_between_bones_of_a_leg_is_put_at_rest(shown):
     retargeted(rig)
     assert rig.pose.bones["between"].matrix_basis == Matrix()
     assert ways_off(shown, rig, UNREAL).max() < MOST_OFF
+
+
+def test_what_is_posed_above_hips_but_not_above_legs_is_put_at_rest(shown):
+    rigs, names = [unreal(), unreal()], [UNREAL[part] for part in ("hips", "foot.L", "head")]
+    for rig in rigs:
+        bpy.context.view_layer.objects.active = rig
+        bpy.ops.object.mode_set(mode="EDIT")
+        bones = rig.data.edit_bones
+        for name in ("root", "waist"):
+            bones.new(name).tail = 0, 0, 0.1
+        bones[UNREAL["hips"]].parent, bones["waist"].parent = bones["waist"], bones["root"]
+        for side in "LR":
+            bones[UNREAL[f"thigh.{side}"]].parent = bones["root"]
+        bpy.ops.object.mode_set(mode="OBJECT")
+        retargeted(rig)
+        for part in ("hips", "spine"):
+            rig.mocap_autolabel.bones[part].bone = UNREAL[part]
+    rig.pose.bones["waist"].location, rig.pose.bones["waist"].rotation_quaternion = (0, 0, 0.1), (0.9, 0.2, 0.3, 0.1)
+    for rig in rigs:
+        retargeted(rig, feet=True)
+    for frame in (int(shown.motion.frames[0]), int(shown.motion.frames[-1])):
+        bpy.context.scene.frame_set(frame)
+        np.testing.assert_allclose(*([rig.pose.bones[name].head for name in names] for rig in rigs), atol=1e-4)
 
 
 def test_feet_stand_as_at_rest_on_a_rig_whose_root_is_tilted(shown):

@@ -74,7 +74,7 @@ def retarget(
 
     From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments, so many a second. `feet` stay
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
-    Legs and arms bend for that, and the hips go along with legs.
+    Legs and arms bend for that.
     """
     body = BodyInMotion(character, *character.posed(*motion))
     rig = _with_feet(rig, body)
@@ -95,14 +95,12 @@ def retarget(
     lift -= scale * ground
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS - turns[:, at["hips"]] @ middle
-    known = scale, floor, ground, rate
-    ankles = {side: _planted_ankle(rig, body, side, (turns, hips), known) for side in rig.legs if feet}
-    hips += _eased(rig, turns, hips, ankles, rate)
-    for side, ankle in ankles.items():
-        _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
-        if f"toes.{side}" in at:
-            _keep_toes_out(rig, turns, hips, side, floor)
     for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
+        if feet and side in rig.legs:
+            ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, ground, rate))
+            _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
+            if f"toes.{side}" in at:
+                _keep_toes_out(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
         if hands and set(arm) <= at.keys():
             _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
@@ -307,31 +305,6 @@ def _planted_ankle(
         # In between it comes from what was missed at one plant to what will be at the next.
         off[:, axis] += np.interp(np.arange(len(off)), rows, missed)
     return goal + off
-
-
-def _eased(
-    rig: Rig, turns: np.ndarray, hips: np.ndarray, ankles: Mapping[str, np.ndarray], rate: float
-) -> np.ndarray | float:
-    """(F, 3) m how far the hips go with legs that are to reach ankles (F, 3) m, by side.
-
-    A knee that is nearly straight would turn the most for a leg that is to be a little longer or shorter. So hips go
-    where bones of legs turn the least: by the length that is lacking, and as the hips go aside.
-    """
-    from scipy.ndimage import uniform_filter1d
-
-    much, wanted = np.zeros((len(hips), 3, 3)), np.zeros_like(hips)
-    for side, goal in ankles.items():
-        hip, knee, ankle = (place_of(rig, turns, hips, rig.at[f"{part}.{side}"]) for part in LEG)
-        long = float(np.linalg.norm(knee[0] - hip[0]) + np.linalg.norm(ankle[0] - knee[0]))
-        now, far = (np.linalg.norm(end - hip, axis=1) for end in (ankle, goal))
-        way = (goal - hip) / far[:, None]
-        ease = 1 / np.maximum(long**2 - now**2, (1 - ON_GROUND.straight) * long**2)  # rad² of each bone for 1 m²
-        much += ease[:, None, None] * way[:, :, None] * way[:, None] + np.eye(3) / long**2
-        wanted += (ease * (far - now))[:, None] * way
-    if not ankles:
-        return 0.0
-    span = max(round(ON_GROUND.span_s * rate), 1)
-    return uniform_filter1d(np.linalg.solve(much, wanted[..., None])[..., 0], span, axis=0, mode="nearest")
 
 
 def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):

@@ -101,25 +101,6 @@ def on_tiptoe(squats):
     return character, (still, turns)
 
 
-def turned_apart(turns, others):
-    """Degrees between turns (…, 3, 3)."""
-    cosine = (np.trace(turns @ others.swapaxes(-2, -1), axis1=-2, axis2=-1) - 1) / 2
-    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-
-
-def test_hips_go_with_legs_whose_feet_are_longer_so_that_knees_hardly_bend(squats):
-    lifted, one = on_tiptoe(squats), rig()
-    for side in "LR":
-        ahead = (one.heads[one.at[f"toes.{side}"]] - one.heads[one.at[f"foot.{side}"]]) * (0.5, 0.5, 0)
-        one.tails[one.at[f"foot.{side}"]] += ahead
-        one.heads[one.at[f"toes.{side}"]] += ahead
-        one.tails[one.at[f"toes.{side}"]] += ahead
-    (moved, hips), (followed, path) = (retarget(*lifted, RATE, one, feet, hands=False) for feet in (True, False))
-    legs = [one.at[f"{part}.{side}"] for part in ("thigh", "shank") for side in "LR"]
-    assert turned_apart(moved[:, legs], followed[:, legs]).max() < 6
-    assert np.abs(np.diff(hips - path, 2, axis=0)).max() < 0.001
-
-
 def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_the_body_s(squats):
     character, (still, turns) = on_tiptoe(squats)
     at = dict(zip(character.names, character.segment, strict=True))
@@ -154,7 +135,20 @@ def test_a_foot_without_toes_whose_bone_points_elsewhere_stands_as_one_with_toes
     feet = [one.at[f"foot.{side}"] for side in "LR"]
     one.tails[feet] = one.heads[feet] + end
     found = [retarget(*on_tiptoe(squats), RATE, each, feet=True, hands=False)[0] for each in (one, whole)]
-    np.testing.assert_allclose(found[0], found[1][:, kept], atol=0.05)
+    np.testing.assert_allclose(found[0], found[1][:, kept], atol=0.1)
+
+
+def test_toes_that_end_in_the_distance_are_as_long_as_the_body_s_like_those_that_end_aside(squats):
+    character, (joints, turns) = on_tiptoe(squats)
+    at = dict(zip(character.names, character.segment, strict=True))
+    joints = joints + 0.1 * np.linspace(0, 1, 120)[:, None, None] * [0, 0, 1]
+    turns[:, at["toes.L"]] = turns[:, at["foot.L"]]
+    one, found = rig(size=1.1), []
+    toes = [one.at[f"toes.{side}"] for side in "LR"]
+    for end in ((0, -1.5, 0), (0.1, 0, 0)):
+        one.tails[toes] = one.heads[toes] + end
+        found.append(retarget(character, (joints, turns), RATE, one, feet=True, hands=False)[0])
+    np.testing.assert_allclose(*found, atol=1e-9)
 
 
 def test_a_rig_without_toes_whose_origin_is_elsewhere_stands_on_its_soles_not_its_ankles(squats):
@@ -366,6 +360,23 @@ def test_knees_and_elbows_that_carry_nothing_are_poles():
     assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL)
 
 
+@pytest.mark.parametrize("gone", ["hand", "foot", "hand foot"])
+def test_knees_and_elbows_at_the_end_of_limbs_that_are_called_after_joints_are_no_poles(gone):
+    joints = {
+        "upper_arm": "Shoulder",
+        "forearm": "Elbow",
+        "hand": "Wrist",
+        "thigh": "Hip",
+        "shank": "Knee",
+        "foot": "Ankle",
+    }
+    names = {part: f"{part[-1]}_{joints[part[:-2]]}" if part[:-2] in joints else name for part, name in UNREAL.items()}
+    lost = [*gone.split(), *(["toes"] if "foot" in gone else [])]
+    bones = [bone for bone in rig_bones(T_POSE) if bone.part.partition(".")[0] not in lost]
+    names = {bone.part: names[bone.part] for bone in bones}
+    assert match_bones(rest_of(bones, names)) == without_between(names)
+
+
 def test_volumes_in_limbs_are_none_of_them_whatever_they_are_called():
     """As Second Life has them, in a rig that calls bones after joints."""
     extra = [
@@ -447,9 +458,10 @@ def test_in_files_of_games_what_deforms_is_moved_not_controls_that_move_nothing(
     rig = at_rest(UNREAL, extra=extra)
     assert match_bones(rig)["thigh.L"] == "thigh_fk_l"
     assert match_bones(replace(rig, held=False)) == without_between(UNREAL)
-    names = (*DEFORMING.values(), *(name for name in CONTROLS[0].values()))
+    there = {part: name for part, name in DEFORMING.items() if not part.startswith("toes")}
+    names = (*there.values(), *CONTROLS[0].values())
     far = np.zeros((len(names), 3))
-    assert match_bones(RestBones(names, np.full(len(names), -1), far, far, held=False)) == DEFORMING
+    assert match_bones(RestBones(names, np.full(len(names), -1), far, far, held=False)) == there
 
 
 def test_bones_that_hang_on_controls_are_none_of_a_person_s():
