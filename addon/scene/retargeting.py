@@ -17,7 +17,7 @@ from mathutils import Matrix, Vector
 from ..core.body.sides import BODY_SIDES
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
-from ..core.retarget.matching import LIMBS, NO_CONTROLS, PARTS, RestBones
+from ..core.retarget.matching import LIMBS, NEEDED_PARTS, NO_CONTROLS, PARTS, RestBones
 from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget, stands
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
@@ -36,7 +36,6 @@ BLENRIG_SWITCHES = {f"{name}_{side}": 1.0 for name in ("ik_arm", "ik_leg", "spac
 HOLDING = {"IK", "SPLINE_IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO", "LOCKED_TRACK"}
 HOLDING |= {"STRETCH_TO", "LIMIT_ROTATION", "LIMIT_LOCATION"}
 KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
-NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
 TURNED_PARTS = "hips", *LIMBS[0][:2], *LIMBS[1][:2]  # without which a body does not move as another
 MATCHED = "mocap_matched"  # on an action: the bones of its rig, by the parts of the body that they are
@@ -53,7 +52,9 @@ def rest_bones(rig: bpy.types.Object) -> RestBones:
     heads, tails = (
         np.array([getattr(bone, end) for bone in bones]).reshape(-1, 3) for end in ("head_local", "tail_local")
     )
-    return RestBones(tuple(bone.name for bone in bones), parents, heads, tails)
+    deforming = [bone for bone in rig.pose.bones if bone.name.startswith(("DEF-", "ORG-"))] or rig.pose.bones
+    held = any(bone.constraints for bone in deforming)
+    return RestBones(tuple(bone.name for bone in bones), parents, heads, tails, held)
 
 
 def retarget_take(
@@ -220,7 +221,8 @@ class KeptPose:
         ]
         former = _former(rig)
         for bone in turned:
-            for held in (one for one in bones[bone].constraints if one.type in HOLDING and not one.mute):
+            holding = HOLDING | ({"ARMATURE"} if bones[bone].parent else set())  # which hangs on others, too
+            for held in (one for one in bones[bone].constraints if one.type in holding and not one.mute):
                 path = held.path_from_id("influence")
                 held_by = held.influence or path in former
                 if held_by and path not in driven and path.replace(".influence", ".mute") not in driven:
@@ -272,7 +274,7 @@ class ReadyRig:
     bones     the names of its C bones that move, and
     modes     how each of them and of `resting` turns
     mover     the name of the one whose location moves all: the first, or what that is connected to
-    resting   the names of those that stay as at rest, because they would turn the others
+    resting   the names of those that stay as at rest, because they would turn or move the others
     rest      what they are, and where, in the axes of a character
     turners   (C,) index of the one that each turns with, -1 for none of them
     place     (4, 4) where it stands
@@ -311,6 +313,7 @@ class ReadyRig:
         movers, count = [mover.name, *(name for name, _ in found)], len(names)
         resting = [one for one in KEPT_AT_REST if "torso" in names and one not in names and one in rig.pose.bones]
         resting += [mover.name] * (mover.name not in names)
+        resting += [one for one in _posed_between(rig, names, mover) if one not in resting]
         modes = {name: rig.pose.bones[name].rotation_mode for name in (*names, *movers, *resting)}
         before = KeptPose.of(rig, list(modes), names)
         before.switch(rig)
@@ -347,7 +350,9 @@ class ReadyRig:
             before.pose(rig, set(movers[1:]) - going)
             carriers = np.array([loose[at] if names[at] in going else carriers[at] for at in range(count)])
             matrices = matrices[:count]
-            axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=True)})
+            # What carries the hips may be posed, as files come in; how a rig stands, its rest says.
+            posed = matrices[0, :3, :3] @ np.array(rig.data.bones[names[0]].matrix_local)[:3, :3].T
+            axes = posed @ axes_at_rest(dict(zip(parts, matrices[:, :3, 3] @ posed, strict=True)))
             if not stands(dict(zip(parts, matrices[:, :3, 3] @ axes, strict=True))):
                 raise InputError(
                     f"{rig.name} does not stand at rest; expected its head over its hips, and these over its knees"
@@ -403,6 +408,16 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     if twice := [bone for number, (_, bone) in enumerate(found) if bone in [one for _, one in found[:number]]]:
         raise InputError(f"{twice[0]} of {rig.name} stands for two parts of the body; expected a bone for each")
     return found
+
+
+def _posed_between(rig: bpy.types.Object, names: Sequence[str], mover: bpy.types.Bone) -> list[str]:
+    """The bones that are posed and carry some of these, but not all: as files come in, which makes legs longer.
+
+    What carries all is where a person put the rig.
+    """
+    above = [{bone.name for bone in rig.data.bones[name].parent_recursive} for name in names]
+    some = set.union(*above) - set.intersection(*above) - {*names, mover.name}
+    return sorted(name for name in some if rig.pose.bones[name].matrix_basis != Matrix())
 
 
 def _end(bone: bpy.types.Bone, part: str) -> Vector:

@@ -100,6 +100,11 @@ def within_limits(rig):
     held.use_min_x = held.use_max_x = True
 
 
+def hanging_on_two(rig):
+    target = rig.pose.bones[UNREAL["hand.L"]].constraints.new("ARMATURE").targets.new()
+    target.target, target.subtarget = rig, UNREAL["hips"]
+
+
 def stretched_to_others(rig):
     rig.pose.bones[UNREAL["shank.L"]].constraints.new("STRETCH_TO").target = box()
     curve = bpy.data.objects.new("curve", bpy.data.curves.new("curve", "CURVE"))
@@ -128,7 +133,8 @@ def loose_under_strips(rig):
 
 
 @pytest.mark.parametrize(
-    "change", [on_the_hips, on_the_hips_unturned, within_limits, stretched_to_others, loose_under_strips]
+    "change",
+    [on_the_hips, on_the_hips_unturned, within_limits, hanging_on_two, stretched_to_others, loose_under_strips],
 )
 def test_limbs_hold_together_and_point_as_the_body_s_however_bones_hang(shown, change):
     other, rig = (add_rig(rig_bones(A_POSE, 1.02, 0.48, 0.7), UNREAL) for _ in range(2))
@@ -352,6 +358,18 @@ def test_rigify_is_moved_by_its_controls(shown):
     rig.update_tag()
     off = ways_off(shown, rig, names)  # the left leg's are the third and the fourth
     assert MOST_OFF < off[:, 2:4].max() < BY_IK_OFF
+    # In a file of a game constraints are gone, and trunk and limbs hang on different bones.
+    game = generated()
+    for bone in game.pose.bones:
+        for held in list(bone.constraints):
+            bone.constraints.remove(held)
+    game.pose.bones["hand_ik.L"].constraints.new("CHILD_OF")  # of a person's own
+    retargeted(game)
+    names = {f"{part}.{side}": f"DEF-{word}.{side}" for part, word in words.items() for side in "LR"}
+    assert ways_off(shown, game, names).max() < MOST_OFF
+    hips, thigh = (game.data.bones[f"DEF-{name}"].head_local for name in ("spine", "thigh.L"))
+    apart = game.pose.bones["DEF-spine"].head - game.pose.bones["DEF-thigh.L"].head
+    assert apart.length == pytest.approx((hips - thigh).length, abs=1e-4)
 
 
 def test_fingers_that_are_worn_move_those_of_rigs_and_of_the_character(empty, made, extension, tmp_path):
@@ -691,6 +709,61 @@ def test_hips_connected_to_a_root_go_with_it(shown):
         bpy.context.scene.frame_set(frame)
         heads = [(one.matrix_world @ one.pose.bones[MIXAMO["hand.L"]].head) for one in (rig, other)]
         assert (heads[0] - heads[1]).length < 1e-4
+
+
+def test_what_is_posed_between_bones_of_a_leg_is_put_at_rest(shown):
+    """As bones of a file that comes in with an animation are."""
+    rig = unreal()
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    shank, between = rig.data.edit_bones[UNREAL["shank.L"]], rig.data.edit_bones.new("between")
+    between.head, between.tail, between.parent = shank.head, shank.tail, shank.parent
+    shank.parent = between
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig.pose.bones["between"].location = 0.1, 0.1, 0
+    retargeted(rig)
+    assert rig.pose.bones["between"].matrix_basis == Matrix()
+    assert ways_off(shown, rig, UNREAL).max() < MOST_OFF
+
+
+def test_what_is_posed_above_hips_but_not_above_legs_is_put_at_rest(shown):
+    rigs, names = [unreal(), unreal()], [UNREAL[part] for part in ("hips", "foot.L", "head")]
+    for rig in rigs:
+        bpy.context.view_layer.objects.active = rig
+        bpy.ops.object.mode_set(mode="EDIT")
+        bones = rig.data.edit_bones
+        for name in ("root", "waist"):
+            bones.new(name).tail = 0, 0, 0.1
+        bones[UNREAL["hips"]].parent, bones["waist"].parent = bones["waist"], bones["root"]
+        for side in "LR":
+            bones[UNREAL[f"thigh.{side}"]].parent = bones["root"]
+        bpy.ops.object.mode_set(mode="OBJECT")
+        retargeted(rig)
+        for part in ("hips", "spine"):
+            rig.mocap_autolabel.bones[part].bone = UNREAL[part]
+    rig.pose.bones["waist"].location, rig.pose.bones["waist"].rotation_quaternion = (0, 0, 0.1), (0.9, 0.2, 0.3, 0.1)
+    for rig in rigs:
+        retargeted(rig, feet=True)
+    for frame in (int(shown.motion.frames[0]), int(shown.motion.frames[-1])):
+        bpy.context.scene.frame_set(frame)
+        np.testing.assert_allclose(*([rig.pose.bones[name].head for name in names] for rig in rigs), atol=1e-4)
+
+
+def test_feet_stand_as_at_rest_on_a_rig_whose_root_is_tilted(shown):
+    rigs = [unreal(), unreal()]
+    bpy.context.view_layer.objects.active = tilted = rigs[1]
+    bpy.ops.object.mode_set(mode="EDIT")
+    root = tilted.data.edit_bones.new("root")
+    root.tail = 0, 0.3, 0.1
+    tilted.data.edit_bones[UNREAL["hips"]].parent = root
+    bpy.ops.object.mode_set(mode="OBJECT")
+    tilted.pose.bones["root"].rotation_quaternion = 0.9, 0.2, 0.3, 0.1
+    for rig in rigs:
+        retargeted(rig, feet=True)
+    for frame in (int(shown.motion.frames[0]), int(shown.motion.frames[-1])):
+        bpy.context.scene.frame_set(frame)
+        places = [[rig.pose.bones[UNREAL[f"{part}.L"]].head for part in ("foot", "toes")] for rig in rigs]
+        np.testing.assert_allclose(*places, atol=1e-3)
 
 
 def test_what_hangs_on_a_rig_does_not_move_each_time_it_is_asked(shown):

@@ -18,6 +18,7 @@ from ..body.sides import BODY_SIDES
 from ..posing.character import BONE_NAMES, both_sides
 
 PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
+NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
 # What the last words of the first bone of a finger are.
 FINGER_WORDS = {"thumb": "thumb", "index": "index", "middle": "middle mid", "ring": "ring", "pinky": "pinky little"}
@@ -40,6 +41,8 @@ CONTROLS = (
     ),
     {part: name for part, name in BONE_NAMES["RIGIFY"].items() if part not in FINGER_PARTS},
 )
+# What of them moves the mesh in game files, to which constraints do not go; limbs hang on others than the spine.
+DEFORMING = {part: f"DEF-{name}" for part, name in BONE_NAMES["RIGIFY"].items()}
 # What the last words of a bone's name are, the surest first, in English and, as MikuMikuDance has them, in Japanese;
 # rigs that call bones after their joints have other ones.
 BONE_WORDS = {
@@ -85,6 +88,7 @@ class RestBones:
     parents: np.ndarray  # (N,) index of the one above, -1 for none
     heads: np.ndarray  # (N, 3) where each begins, and
     tails: np.ndarray  # (N, 3) where it ends, in the armature's axes and unit
+    held: bool = True  # whether constraints hold those that deform; else controls move nothing
 
     def above(self, index: int) -> list[int]:
         """A bone and those above it, up to the root."""
@@ -118,13 +122,16 @@ class RestBones:
 
 def match_bones(bones: RestBones) -> dict[str, str]:
     """The bone of a rig for each part of a body that it has one for; none where it is no person's."""
-    for table in CONTROLS:
+    deforming = {part: name for part, name in DEFORMING.items() if name in bones.names}
+    if not bones.held and set(NEEDED_PARTS) <= deforming.keys():
+        return deforming
+    for table in CONTROLS if bones.held else ():
         controls = {part: name for part, name in table.items() if name != "-"}
         if set(controls.values()) <= set(bones.names):
             fingers = {part: bones.names[at] for part, at in match_names(bones).items() if part in FINGER_PARTS}
             return controls | {part: name for part, name in fingers.items() if not name.startswith(NO_CONTROLS)}
     found = match_names(bones)
-    if not {"thigh.L", "thigh.R", "shank.L", "shank.R"} <= found.keys():
+    if not set(NEEDED_PARTS[1:]) <= found.keys():
         found = match_form(bones)
     else:
         found |= _lacking(bones, found)
@@ -165,12 +172,17 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 
 
 def match_names(bones: RestBones) -> dict[str, int]:
-    """The parts that the words in the names of bones say: of several the control, or the surest and plainest name.
+    """The parts that the words in the names of bones say: of several the control that moves others, or the surest name.
 
     A volume in one is the last choice. What is in the middle of a skirt is no finger. Toes that are apart have no bone
-    for all.
+    for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
     """
-    found, read = defaultdict(list), _read(bones.names)
+    ends = [name for at, name in enumerate(bones.names) if not bones.below(at)]
+    poles = {name for name in ends if _words(name)[0][-1:] in (["knee"], ["elbow"])}
+    found, read = defaultdict(list), _read(name for name in bones.names if name not in poles)
+    bent = {f"{part}.{side}" for limb in LIMBS for part in limb[:2] for side in BODY_SIDES}
+    if not bent <= {part for part, _ in read.values()}:
+        read = _read(bones.names)
     for name, (part, rank) in read.items():
         at, words = bones.names.index(name), _words(name, keep=True)[0]
         above = bones.above(at)[1:]
@@ -179,7 +191,7 @@ def match_names(bones: RestBones) -> dict[str, int]:
         if "mid" in words and part.startswith("middle") and f"hand{part[-2:]}" not in near:
             continue
         volume = part in near and not bones.below(at)
-        found[part].append(("fk" not in words, volume, rank, len(words), len(above), at))
+        found[part].append((bones.held and "fk" not in words, volume, rank, len(words), len(above), at))
     first = {part: min(several) for part, several in found.items() if part in PARTS}
     for part in [part for part in first if part.startswith("toes")]:
         alike = [bones.parents[one[-1]] for one in found[part] if one[:-1] == first[part][:-1]]

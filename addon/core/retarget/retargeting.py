@@ -22,6 +22,7 @@ LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a bone that says not where it points
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
+OTHER_SIZE = 2.0  # physical: so many times as long, or as short, are no two people's feet, drawn ones neither
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
 
 
@@ -166,15 +167,22 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
 
 
 def _with_feet(rig: Rig, body: BodyInMotion) -> Rig:
-    """The same with feet whose last bones end as the body's do where theirs end nowhere ahead, or in the distance."""
+    """The same with feet whose last bones end as the body's do where theirs end nowhere ahead, or in the distance.
+
+    Importers give a foot without toes any length; then one of another size than the body's has the body's.
+    """
     tails, scale = rig.tails.copy(), _fitted(rig, body)[0]
     for side in rig.legs:
+        foot = rig.heads[rig.at[f"foot.{side}"]]
         last = next(part for part in (f"toes.{side}", f"foot.{side}") if part in rig.at)
+        own = scale * (body.character.tails[body.at[last]] - body.rest(last))
         way = tails[rig.at[last]] - rig.heads[rig.at[last]]
-        shank = rig.heads[rig.at[f"foot.{side}"]] - rig.heads[rig.at[f"shank.{side}"]]
-        if not np.linalg.norm(way) / 2 < -way[1] < np.linalg.norm(shank):
-            own = body.at[last]
-            tails[rig.at[last]] = rig.heads[rig.at[last]] + scale * (body.character.tails[own] - body.rest(last))
+        far, size = np.linalg.norm(way), np.linalg.norm(own)
+        least, most = size / OTHER_SIZE, size * OTHER_SIZE
+        if last.startswith("toes"):
+            least, most = 0.0, np.linalg.norm(foot - rig.heads[rig.at[f"shank.{side}"]])
+        if not (far / 2 < -way[1] and least < far < most):
+            tails[rig.at[last]] = rig.heads[rig.at[last]] + own
     return replace(rig, tails=tails)
 
 
@@ -238,7 +246,7 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
             lengths[number] += np.linalg.norm(np.diff(np.array(places), axis=0), axis=1).sum()
     scale, low = float(lengths[0] / lengths[1]), float(rig.heads[:, 2].min())
     # Rigs stand on their origin; one whose origin is elsewhere stands as far below its lowest joint as the body.
-    under = low - scale * body.character.heads[:, 2].min()
+    under = low - scale * min(body.rest(part)[2] for part in rig.parts if part in body.at)
     floor = under if abs(under) > FLOOR_NEAR * lengths[0] else 0.0
     lifts = [
         rig.heads[rig.at[part], 2] - floor - scale * body.rest(part)[2] for part in map("foot.{}".format, rig.legs)

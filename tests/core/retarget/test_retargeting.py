@@ -11,7 +11,7 @@ from addon.core.data.errors import InputError
 from addon.core.geometry.rotations import exponential
 from addon.core.posing.character import BONE_NAMES, both_sides, character_of
 from addon.core.posing.finer import finer
-from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
+from addon.core.retarget.matching import CONTROLS, DEFORMING, RestBones, match_bones, match_map, read_as
 from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget, stands
 from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
@@ -86,7 +86,8 @@ def test_a_rig_stands_on_the_floor_where_feet_are_kept_however_high_the_person_s
     assert (np.ptp(found, axis=0).max() < 0.002) == feet
 
 
-def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_the_body_s(squats):
+def on_tiptoe(squats):
+    """A body that comes up on its toes and stays so: its character, joints and rotations."""
     character, (joints, rotations) = squats
     lift = 0.9 * np.clip((np.arange(120) - 40) / 15, 0, 1)
     still, turns = joints[:1].repeat(120, axis=0), rotations[:1].repeat(120, axis=0)
@@ -97,6 +98,12 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     turns[:, foot] = up @ turns[:, foot]
     others = np.delete(np.arange(still.shape[1]), toes)
     still[:, others] += (way - (up @ way[..., None])[..., 0]).mean(axis=1, keepdims=True)
+    return character, (still, turns)
+
+
+def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_the_body_s(squats):
+    character, (still, turns) = on_tiptoe(squats)
+    at = dict(zip(character.names, character.segment, strict=True))
     one = rig(size=1.15)
     found = retarget(character, (still, turns), RATE, one, feet=True, hands=False)
     feet, toes = ([one.at[f"{part}.{side}"] for side in "LR"] for part in ("foot", "toes"))
@@ -113,16 +120,40 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     assert tip[:, 2].min() > one.tails[toes[0], 2] - 0.004
 
 
-@pytest.mark.parametrize("end", [(0.02, 0.05, 0.1), (0.1, 0, 0), (0, 0.1, -0.05)])
-def test_a_foot_without_toes_whose_bone_points_elsewhere_stands_as_one_with_toes(squats, end):
-    whole = rig(size=1.1)
+def without_toes(whole):
+    """A rig without its toes, and which of its bones there still are."""
     kept = [index for index, part in enumerate(whole.parts) if not part.startswith("toes")]
     follows = np.array([kept.index(above) if above >= 0 else -1 for above in whole.follows[kept]])
-    one = Rig(tuple(whole.parts[index] for index in kept), follows, whole.heads[kept], whole.tails[kept])
+    return Rig(tuple(whole.parts[index] for index in kept), follows, whole.heads[kept], whole.tails[kept]), kept
+
+
+# To other sides, and ahead, as short and as long as importers make a bone at the end.
+@pytest.mark.parametrize("end", [(0.02, 0.05, 0.1), (0.1, 0, 0), (0, 0.1, -0.05), (0, -0.005, 0), (0, -0.4, -0.05)])
+def test_a_foot_without_toes_whose_bone_points_elsewhere_stands_as_one_with_toes(squats, end):
+    whole = rig(size=1.1)
+    one, kept = without_toes(whole)
     feet = [one.at[f"foot.{side}"] for side in "LR"]
     one.tails[feet] = one.heads[feet] + end
-    found = [retarget(*squats, RATE, each, feet=True, hands=False)[0] for each in (one, whole)]
-    np.testing.assert_allclose(found[0], found[1][:, kept], atol=0.25)
+    found = [retarget(*on_tiptoe(squats), RATE, each, feet=True, hands=False)[0] for each in (one, whole)]
+    np.testing.assert_allclose(found[0], found[1][:, kept], atol=0.1)
+
+
+def test_toes_that_end_in_the_distance_are_as_long_as_the_body_s_like_those_that_end_aside(squats):
+    character, (joints, turns) = on_tiptoe(squats)
+    at = dict(zip(character.names, character.segment, strict=True))
+    joints = joints + 0.1 * np.linspace(0, 1, 120)[:, None, None] * [0, 0, 1]
+    turns[:, at["toes.L"]] = turns[:, at["foot.L"]]
+    one, found = rig(size=1.1), []
+    toes = [one.at[f"toes.{side}"] for side in "LR"]
+    for end in ((0, -1.5, 0), (0.1, 0, 0)):
+        one.tails[toes] = one.heads[toes] + end
+        found.append(retarget(character, (joints, turns), RATE, one, feet=True, hands=False)[0])
+    np.testing.assert_allclose(*found, atol=1e-9)
+
+
+def test_a_rig_without_toes_whose_origin_is_elsewhere_stands_on_its_soles_not_its_ankles(squats):
+    found = [retarget(*squats, RATE, without_toes(rig(raised=up))[0], feet=True, hands=False)[1] for up in (-1, 0)]
+    np.testing.assert_allclose(*found, atol=0.04)
 
 
 def test_a_rig_stands_whose_head_is_over_its_hips_over_its_knees():
@@ -324,6 +355,28 @@ def test_the_first_bone_of_a_finger_is_the_finger(names, index):
     assert match_bones(at_rest(names, extra=extra)) == without_between(names) | {"index.L": index.format(1)}
 
 
+def test_knees_and_elbows_that_carry_nothing_are_poles():
+    extra = [("knee_l", "foot.L", (0.1, -0.5, 0.5)), ("elbow_l", "hips", (0.5, 0.4, 1.4))]
+    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL)
+
+
+@pytest.mark.parametrize("gone", ["hand", "foot", "hand foot"])
+def test_knees_and_elbows_at_the_end_of_limbs_that_are_called_after_joints_are_no_poles(gone):
+    joints = {
+        "upper_arm": "Shoulder",
+        "forearm": "Elbow",
+        "hand": "Wrist",
+        "thigh": "Hip",
+        "shank": "Knee",
+        "foot": "Ankle",
+    }
+    names = {part: f"{part[-1]}_{joints[part[:-2]]}" if part[:-2] in joints else name for part, name in UNREAL.items()}
+    lost = [*gone.split(), *(["toes"] if "foot" in gone else [])]
+    bones = [bone for bone in rig_bones(T_POSE) if bone.part.partition(".")[0] not in lost]
+    names = {bone.part: names[bone.part] for bone in bones}
+    assert match_bones(rest_of(bones, names)) == without_between(names)
+
+
 def test_volumes_in_limbs_are_none_of_them_whatever_they_are_called():
     """As Second Life has them, in a rig that calls bones after joints."""
     extra = [
@@ -398,6 +451,17 @@ def test_control_rigs_are_known_by_their_controls(table):
     far = np.zeros((len(names), 3))
     found = match_bones(RestBones(names, np.full(len(names), -1), far, far))
     assert found == {part: name for part, name in table.items() if name != "-"}
+
+
+def test_in_files_of_games_what_deforms_is_moved_not_controls_that_move_nothing():
+    extra = [("thigh_fk_l", "hips", (0.1, 0, 0.94)), ("lowerarm_fk_l", "chest", (0.48, 0, 1.45))]
+    rig = at_rest(UNREAL, extra=extra)
+    assert match_bones(rig)["thigh.L"] == "thigh_fk_l"
+    assert match_bones(replace(rig, held=False)) == without_between(UNREAL)
+    there = {part: name for part, name in DEFORMING.items() if not part.startswith("toes")}
+    names = (*there.values(), *CONTROLS[0].values())
+    far = np.zeros((len(names), 3))
+    assert match_bones(RestBones(names, np.full(len(names), -1), far, far, held=False)) == there
 
 
 def test_bones_that_hang_on_controls_are_none_of_a_person_s():
