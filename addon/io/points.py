@@ -90,7 +90,7 @@ def read_points(
 
     Left out are the model outputs, axes of segments and joint centres that Vicon mixes among the markers.
     `up` is the axis that points up in the file, one of x y z -x -y -z, where that is known better than from the file;
-    `rate` is used where a C3D file says none; `make_table` says where residuals are kept; `mirror` reverses an axis,
+    `rate` is used where a file says none; `make_table` says where residuals are kept; `mirror` reverses an axis,
     of a take whose axes are left-handed.
 
     Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
@@ -135,7 +135,7 @@ def _read(path: Path, everything: bool, up: str | None, rate: float | None, make
         if not path.exists():
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
-    return _file_points(TEXT_READERS[suffix](path), up, path)
+    return _file_points(TEXT_READERS[suffix](path, rate), up, path)
 
 
 def _file_points(content: PointFile, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:

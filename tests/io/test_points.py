@@ -14,6 +14,7 @@ from addon.core.data.columns import Columns, beside_of
 from addon.core.data.errors import InputError
 from addon.core.data.lanes import Lanes
 from addon.core.data.takes import Points
+from addon.io.c3d.lab import read_lab
 from addon.io.c3d.writing import write_c3d_file
 from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
 from addon.io.textpoints import read_trc
@@ -217,6 +218,11 @@ def test_the_trc_of_a_trc_has_its_head_and_time_in_mm_with_z_up(tmp_path, unit, 
     assert parameters["TRIAL"]["CAMERA_RATE"]["value"] == 240
 
 
+TRC = (
+    "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n"
+    "{rate}\t100\t1\t1\tmm\nFrame#\tTime\tA\t\t\n\t\tX1\tY1\tZ1\n{rows}"
+)
+
 TRC_HEADS = {
     "three tabs a name": "Frame#\tTime\tA\t\t\tB b\t\t\tC\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n\n",
     "three tabs and more behind": "Frame#\tTime\tA\t\t\tB b\t\t\tC\t\t\t\t\n\t\tX1\tY1\tZ1\t\n\n",
@@ -345,12 +351,58 @@ def test_qualisys_tsv_export(tmp_path, numbered, titled):
     np.testing.assert_allclose(take.picked([0, 1]).xyz[0], [[0.1, 0.2, 1.0], [0.011, 0.022, 0.033]])
     np.testing.assert_array_equal(take.present, [[frame != 2, True, False] for frame in range(5)])
     write_c3d(tmp_path / "named.c3d", take, take.trial)
-    head = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]["QTM"]
-    assert head["TIME_STAMP"]["value"] == ["2026-01-19, 10:19:43.755 20.5"]
+    parameters = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]
+    assert parameters["QTM"]["TIME_STAMP"]["value"] == ["2026-01-19, 10:19:43.755 20.5"]
+    assert (parameters["EVENT"]["USED"]["value"], parameters["EVENT"]["LABELS"]["value"]) == (1, ["step"])
+    np.testing.assert_allclose(parameters["EVENT"]["TIMES"]["value"], [[0], [8 / 120]])
+    ((name, frame),) = read_lab(read_points(tmp_path / "named.c3d").trial, 120).events
+    assert (name, frame) == ("step", pytest.approx(9, abs=1e-5))
     text = path.read_text().replace("\t3D", "\t3d")
     for written, events in (("step\t9 ", [("step", 9.0)]), ("step\tnine", []), ("\t9", []), (" \t9", [])):
         path.write_text(text.replace("step\t9", written))
         assert list(read_points(path).trial.events) == events
+    path.write_text(text.replace("EVENT", "EVENT\tstep\t8\n" * 300 + "EVENT"))
+    take = read_points(path)
+    write_c3d(tmp_path / "named.c3d", take, take.trial)
+    assert len(read_lab(read_points(tmp_path / "named.c3d").trial, 120).events) == 255, "as many as a C3D has room for"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "rate"),
+    [
+        ("take.tsv", tsv().replace("\t120", "\tEXT"), "a FREQUENCY of 'EXT'"),  # of a time base outside QTM
+        ("take.csv", motive().replace("120.000000", "").replace("240.000000", ""), "no Export Frame Rate"),
+        ("take.trc", TRC.format(rate="0", rows="1\t0\t1\t2\t3\n"), "a DataRate of '0'"),
+    ],
+)
+def test_a_rate_that_a_text_does_not_say_may_be_given(tmp_path, name, text, rate):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=f"{rate}; expected frames a second, written there or given"):
+        read_points(path)
+    assert read_points(path, rate=85.0).rate == 85.0
+
+
+@pytest.mark.parametrize(
+    ("rows", "notes"),
+    [
+        ("1\t0.00\t1\t2\t3\n2\t0.01\t4\t5\t6\n3\t0.02\t7\t8\t9\n", ()),
+        ("1    0.00\t  1.0\t  2\t  3\n2    0.01\t  4\t 5   6\n3 0.02\t7\t8\t9 \n", ()),
+        (
+            "1\t0.00\t1\t2\t3\n2\t0.02\t4\t5\t6\n3\t0.04\t7\t8\t9\n",
+            ("its times are of 50 frames a second, but its head says 100, which was taken",),
+        ),
+        ("1\t\t1\t2\t3\n2\t\t4\t5\t6\n3\t\t7\t8\t9\n", ()),
+    ],
+)
+def test_spaces_and_times_in_rows_of_a_trc(tmp_path, rows, notes):
+    """OpenSim's gait2392 has a take whose frames and times have spaces between, and whose head has another rate."""
+    path = tmp_path / "take.trc"
+    path.write_text(TRC.format(rate="100", rows=rows))
+    take = read_trc(path)
+    assert (take.frames, take.notes) == (3, notes)
+    xyz, _ = dense(take.frames, 1, take.parts())
+    np.testing.assert_array_equal(xyz[:, 0], np.arange(1, 10).reshape(3, 3))
 
 
 @pytest.mark.parametrize(

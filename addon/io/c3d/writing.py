@@ -29,6 +29,7 @@ WHOLE_STEP = 0.01  # of a step; format: numbers of 32 bits, as Blender keeps pla
 MAX_POINTS = 64 * 255
 MAX_MASK = 127  # of the cameras that saw a sample, beside the sign
 MAX_NAME_BYTES = 255  # bytes
+MAX_EVENTS = 255  # format: a byte says how many
 MAX_KEY_LETTERS = 127  # letters of a parameter's name; format
 LAST_NUMBER = 2**32 - 1  # of a frame
 LAST_TURNS_START = (65535 - 257) * BLOCK  # bytes of points; format: rotations begin at a block with a number of 16 bits
@@ -88,7 +89,7 @@ def write_c3d_file(
         units = _units_of(xyz, residual, kept)
         ours = _ours(labels, frames, rate, units.scale, first, kept)
         if isinstance(trial, TextHead):
-            ours |= _of_head(trial)
+            ours |= _of_head(trial, rate)
         if subjects and not (kept and kept.knows(subjects)):
             ours |= _subjects(subjects)
         analog, gap, samples = (kept.trial.layout.analog, kept.file.word(5), kept.samples) if kept else (0, 0, 0)
@@ -232,7 +233,7 @@ def _ours(labels: list[str], frames: int, rate: float, scale: float, first: int,
     }
     if kept is None:
         ours |= {"POINT:UNITS": _text("mm"), "POINT:X_SCREEN": _text("+X"), "POINT:Y_SCREEN": _text("+Z")}
-    if frames > 65535:
+    if frames > 65535 or (kept and "POINT:LONG_FRAMES" in kept.file.parameters):
         ours["POINT:LONG_FRAMES"] = _real(frames)
     for part, start in enumerate(range(0, len(labels), 255), 1):
         suffix = "" if part == 1 else str(part)
@@ -248,8 +249,8 @@ def _ours(labels: list[str], frames: int, rate: float, scale: float, first: int,
     return ours
 
 
-def _of_head(head: TextHead) -> Parameters:
-    """What the head of a text file says: the cameras' rate as C3D files have it, else under its own names."""
+def _of_head(head: TextHead, take_rate: float) -> Parameters:
+    """What the head of a text file says: cameras' rate and events as C3D files have them, else under its own names."""
     keys = (re.sub("[^A-Z0-9]+", "_", name.upper())[:MAX_KEY_LETTERS] for name in head.said)
     said = {f"{head.group}:{key}": text for key, text in zip(keys, head.said.values(), strict=True)}
     try:
@@ -257,6 +258,15 @@ def _of_head(head: TextHead) -> Parameters:
     except ValueError:
         rate = 0.0
     known = {"TRIAL:CAMERA_RATE": _real(rate)} if MIN_RATE_HZ <= rate <= MAX_RATE_HZ else {}
+    if head.events:
+        events = head.events[:MAX_EVENTS]
+        times = [part for _, frame in events for part in (0.0, (frame - 1) / take_rate)]  # minutes and seconds
+        known |= {
+            "EVENT:USED": _words(len(events)),
+            "EVENT:CONTEXTS": _table([""] * len(events)),
+            "EVENT:LABELS": _table([name for name, _ in events]),
+            "EVENT:TIMES": (4, (2, len(events)), struct.pack(f"<{len(times)}f", *times)),
+        }
     return known | {key: _table(names_in_c3d([text])) for key, text in said.items()}
 
 
