@@ -123,6 +123,10 @@ def test_a_file_that_ends_with_a_frame_has_the_frames_that_are_there(tmp_path):
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(InputError, match="has data for 30 of 1149 frames; expected a whole C3D file"):
         read_c3d(path)
+    path = written(tmp_path, layout, said_frames=0, header=((3, 1), (4, 0)))
+    path.write_bytes(path.read_bytes().replace(b"TRIAL", b"OTHER")[:-1])
+    with pytest.raises(InputError, match="says nowhere how many frames it has; expected a whole C3D file"):
+        read_c3d(path)
 
 
 @pytest.mark.parametrize("cut", [1, 333, 5000])

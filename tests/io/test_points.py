@@ -19,7 +19,7 @@ from addon.io.c3d.writing import write_c3d_file
 from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
 from addon.io.textpoints import read_trc
 from addon.io.whole import whole_file
-from addon.io.world import SIGNED_AXES, UNSURE_WORDS, find_up, guess_unit, up_rotation
+from addon.io.world import SIGNED_AXES, UNSURE_WORDS, Upright, find_up, guess_unit, up_rotation
 from tests import recorded
 from tests.accuracy.people import BODY26
 from tests.io.c3d_layouts import Layout
@@ -185,7 +185,7 @@ def test_our_own_trc_comes_back(tmp_path, name):
     np.testing.assert_allclose(found.xyz, take.xyz, atol=1e-8)
 
 
-@pytest.mark.parametrize(("unit", "metre"), [("mm", 1e-3), ("Meters", 1.0)])
+@pytest.mark.parametrize(("unit", "metre"), [("mm", 1e-3), ("Meters", 1.0), ("ft", 0.3048)])
 def test_the_trc_of_a_trc_has_its_head_and_time_in_mm_with_z_up(tmp_path, unit, metre):
     take, path, out = walk(first=200), tmp_path / "own.trc", tmp_path / "named.trc"
     write_trc(path, take)
@@ -607,6 +607,13 @@ def test_a_word_that_says_little_gives_way_to_how_the_points_stand(word, up, wal
         found = find_up(word, turned(person(walks), up), ("",) * len(NAMES), usual=usual)
         assert found.axis == up
         assert len(found.notes) == (up != (word if word in SIGNED_AXES else usual))
+
+
+def test_a_trunk_that_sits_near_the_origin_does_not_stand():
+    """With markers on arms and trunk alone nothing is on the floor, and what is wide may begin at nought."""
+    rng = np.random.default_rng(0)
+    sits = rng.uniform([-0.25, -0.05, 0.65], [0.25, 0.5, 1.25], (50, 40, 3))
+    assert find_up("", sits, ("",) * 40) == Upright("+Z")
 
 
 @pytest.mark.parametrize("usual", ["+Z", "+Y"])

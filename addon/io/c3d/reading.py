@@ -345,7 +345,10 @@ def _unfinished(file: C3dFile, start: int) -> FileLayout:
     wanted = max((frames for frames, _ in stated), default=0)
     # What is cut off by a disk or a network ends with a block, where frames of a fitting size would end too.
     if length % size or length < size or len(file.content) % BLOCK == 0:
-        raise InputError(f"has data for {length // size} of {wanted} frames; expected a whole C3D file", file.path)
+        words = (
+            f"has data for {length // size} of {wanted} frames" if wanted > 0 else "says nowhere how many frames it has"
+        )
+        raise InputError(f"{words}; expected a whole C3D file", file.path)
     frames = length // size
     note = f"the file says that it has {wanted} frames, but ends with the end of frame {frames}: those were read"
     return FileLayout(start, points, analog, frames, stated[0][1] if stated else 1, 0, (note,))
