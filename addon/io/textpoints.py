@@ -302,7 +302,7 @@ def is_motive(path: Path) -> bool:
     """Whether a file begins with Motive's settings, as its exports of points do and files of blobs do not."""
     with open_binary(path) as file:
         head = file.readline(4096)
-    first = head.removeprefix(codecs.BOM_UTF8).decode("latin-1").partition(",")[0]
+    first = head.lstrip(codecs.BOM_UTF8 + codecs.BOM_UTF16).replace(b"\0", b"").decode("latin-1").partition(",")[0]
     return first.strip().strip('"').lower() in OPENINGS
 
 

@@ -18,7 +18,7 @@ from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ..samples import PointFile, Samples
-from ..source import BytesOnDisk
+from ..source import BytesOnDisk, windows_text
 
 KIND = "a C3D file"
 BLOCK = 512
@@ -175,13 +175,13 @@ class C3dFile:
 
 
 def as_text(content: bytes) -> str:
-    """UTF-8, the last letter of which may be cut off; Latin-1 where it is not."""
+    """UTF-8, the last letter of which may be cut off; Windows-1252 where it is not."""
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
         # A parameter has room for 255 bytes, and a program that cuts there may cut a letter.
         whole = content[: error.start] if error.reason == "unexpected end of data" and error.start else b""
-        text = whole.decode("utf-8") if whole and not whole.isascii() else content.decode("latin-1")
+        text = whole.decode("utf-8") if whole and not whole.isascii() else windows_text(content)
     return text.strip(" \0\t\r\n")
 
 
