@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """C3D files of every processor and layout, and all else in them that stays; judged by two other readers."""
 
+import re
 from dataclasses import replace
 
 import ezc3d
@@ -127,6 +128,29 @@ def test_a_file_that_ends_with_a_frame_has_the_frames_that_are_there(tmp_path):
     path.write_bytes(path.read_bytes().replace(b"TRIAL", b"OTHER")[:-1])
     with pytest.raises(InputError, match="says nowhere how many frames it has; expected a whole C3D file"):
         read_c3d(path)
+
+
+def test_what_is_behind_the_frames_is_told(tmp_path):
+    """Programs that write more frames than they count."""
+    layout = Layout(frames=90, points=5)
+    path = written(tmp_path, layout)
+    path.write_bytes(path.read_bytes() + b"\1" * 1024)
+    take = read_c3d(path)
+    is_read(take, layout)
+    ((*_, bytes_more),) = (note.partition("holds ") for note in take.notes)
+    assert re.fullmatch(r"1\d{3} bytes more, which were passed over", bytes_more)
+
+
+def test_a_file_that_says_what_sixteen_bits_can_has_the_frames_that_are_there(tmp_path):
+    """As ezc3d writes more than 65535 frames."""
+    layout = Layout(frames=65_601, points=2, first=1)
+    path = written(tmp_path, layout, said_frames=65535, header=((4, 65535),))
+    path.write_bytes(path.read_bytes().replace(b"TRIAL", b"OTHER").replace(b"LONG_FRAMES", b"LANG_FRAMES"))
+    take = read_c3d(path)
+    is_read(take, layout)
+    assert take.notes == ("the file says in places that it has 65535 frames, but 65601 fill it and were read",)
+    path.write_bytes(path.read_bytes().rstrip(b"\0")[:-9])
+    assert len(read_c3d(path).xyz) == 65535, "what is cut off within a frame is not to be relied on"
 
 
 @pytest.mark.parametrize("cut", [1, 333, 5000])

@@ -9,7 +9,7 @@ import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -241,7 +241,11 @@ def find_layout(file: C3dFile) -> FileLayout:
                 found.append(layout)
     if found[0] is None:
         return _unfinished(file, starts[0])
-    return found[0]
+    likeliest = found[0]
+    if likeliest.left <= BLOCK:
+        return likeliest
+    note = f"behind its {likeliest.frames} frames the file holds {likeliest.left} bytes more, which were passed over"
+    return replace(likeliest, notes=(*likeliest.notes, note))
 
 
 def _point_counts(file: C3dFile) -> list[int]:
@@ -285,13 +289,17 @@ def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout |
     size, (end, turns) = (4 * points + analog) * file.width, _turns(file, start)
     available = (end - start) // size
     stated = _stated_frames(file)
+    if max(stated)[0] == SIXTEEN_BITS < available:  # which may mean more: all up to the padding
+        last = file.content[end - BLOCK : end]
+        whole = -(-(end - start - len(last) + len(last.rstrip(b"\0"))) // size)
+        stated += [(whole, stated[0][1])] if whole <= available else []
     fitting = [one for one in stated if 1 <= one[0] <= available]
     if not fitting:
         return None
     frames, first = _likeliest(fitting, size, end - start)
     left, notes = end - start - frames * size, tuple(_notes(file, points, analog, frames, stated))
-    whole = end + 4 * turns * frames <= len(file.content)
-    return FileLayout(start, points, analog, frames, first, left, notes, (end, turns) if whole else (0, 0))
+    turned = end + 4 * turns * frames <= len(file.content)
+    return FileLayout(start, points, analog, frames, first, left, notes, (end, turns) if turned else (0, 0))
 
 
 def _likeliest(stated: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:
