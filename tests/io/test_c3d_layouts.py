@@ -112,6 +112,21 @@ def test_a_word_about_points_in_the_groups_alone_changes_nothing(tmp_path):
     is_read(take, layout)
 
 
+@pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
+def test_of_two_scales_of_whole_numbers_the_header_s_is_taken_and_kept(tmp_path, processor):
+    """Motion Analysis' sample 5 of c3d.org: its people are 2.6 times as tall by the header, and people so."""
+    layout = Layout(frames=90, points=5, processor=processor, real=False)
+    path = written(tmp_path, layout)
+    content, said = path.read_bytes(), layout.reals([SCALE])
+    path.write_bytes(content[:BLOCK] + content[BLOCK:].replace(said, layout.reals([0.02]), 1))
+    take = read_c3d(path)
+    is_read(take, layout)
+    assert take.notes == ("the groups say a scale of 0.02, but the header's 0.05 was taken",)
+    whole = read_points(path)
+    write_c3d(tmp_path / "named.c3d", whole, whole.trial)
+    is_read(read_c3d(tmp_path / "named.c3d"), layout)
+
+
 def test_a_file_that_ends_with_a_frame_has_the_frames_that_are_there(tmp_path):
     layout = Layout(frames=31, points=7, padded=False)
     path = written(tmp_path, layout, said_frames=1149, header=((4, 1149),))

@@ -74,7 +74,9 @@ class C3dFile:
         self.order = ">" if self.processor == MIPS else "<"
         self.records = self._parse(content[self.section + 4 : self._end()])
         self.parameters = {key: record.parameter for key, record in self.records if record.parameter is not None}
-        self.scale = self.number("POINT:SCALE", self.header_real(6))
+        self.scale, stated = self.number("POINT:SCALE", self.header_real(6)), self.header_real(6)
+        if self.scale > 0 and 0 < stated < 1e6:  # of whole numbers the header is right where the two differ
+            self.scale = stated
         if not 0 < abs(self.scale) < 1e6:
             raise InputError(f"has the scale {self.scale:g}; expected {KIND} with a scale", path)
         self.width = 4 if self.scale < 0 else 2
@@ -337,6 +339,8 @@ def _notes(file: C3dFile, points: int, analog: int, frames: int, stated: list[tu
         yield f"the file says in places that it has {' or '.join(others)} frames, but {frames} fill it and were read"
     if file.word(1) and points != file.word(1):
         yield f"the header says that there are {file.word(1)} points, but {points} fill the file and were read"
+    if not np.isclose(file.scale, file.number("POINT:SCALE", file.scale)):
+        yield f"the groups say a scale of {file.number('POINT:SCALE', 0):g}, but the header's {file.scale:g} was taken"
     if analog != file.word(2):
         yield (
             f"the header says that a frame has {file.word(2)} words of analog data, but {analog} fill the file "
