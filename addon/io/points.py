@@ -216,15 +216,17 @@ def columns_of_set(names: Sequence[str], markerset: MarkerSet, path: Path | str 
     return found
 
 
-def write_c3d(path: Path, points: Points, trial: TrialFile | TextHead | None = None, subjects: Sequence[str] = ()):
+def write_c3d(
+    path: Path, points: Points, trial: TrialFile | TextHead | None = None, subjects: Sequence[str] = ()
+) -> list[str]:
     """Writes the contract's labelled take: names in their order, and unlabelled trajectories as *1, *2 and so on.
 
     Without the `trial` that it came from it is written alone, in mm, z up; else with all else of that C3D file, in its
     unit and axes, or with what a text's head says. Samples whose residual is 0 were filled, measured ones get one above
-    zero. `subjects` are those whose names stand before markers.
+    zero. `subjects` are those whose names stand before markers. Gives what there was no room for, in sentences.
     """
     of_take = points.xyz, points.residual, points.rate, points.first_frame
-    write_c3d_file(path, _numbered(points.names), *of_take, trial, subjects)
+    return write_c3d_file(path, _numbered(points.names), *of_take, trial, subjects)
 
 
 def write_trc(path: Path, points: Points, trial: TrialFile | TextHead | None = None):

@@ -116,7 +116,8 @@ TRC = "a .trc file"
 # The format has no word for the axis that points up, and most of its files have y up; ours say here that it is z.
 Z_UP = "Z_UP"
 
-_SPACES = re.compile(r"(?<=[^ \t]) +(?=[^ \t])")
+# Of a row, a frame and a time with spaces between; a decimal point tells that from a frame such as "1 234".
+_FRAME_AND_TIME = re.compile(r"^(\s*\d+) +(?=\d*\.\d+ *\t)", re.ASCII)
 
 WIDTH_ROWS = 1000  # rows that are looked at where nothing else says how many markers there are
 
@@ -152,21 +153,27 @@ def read_trc(path: Path, given: float | None = None) -> PointFile:
     if lacking and not ended:  # its last number may be cut
         words = f"{lacking}, and ends in the middle of a row or without a line end"
         raise InputError(f"{words}; expected a whole last row", path, len(lines))
-    filled = [line.split("\t") for line in lines[begin:] if line.strip()]
-    begin_s = _value(filled[0], 1, path, begin + 1) - take.first_frame / rate
+    filled = [line for line in lines[begin:] if line.strip()]
+    ends = [filled[at].split("\t") for at in (0, -1)]
+    begin_s = _value(ends[0], 1, path, begin + 1) - take.first_frame / rate
     own = head if len(lines[1].split()) == len(lines[2].split()) else {}
     trial = TextHead(own, {}, begin_s if begin_s == begin_s else -take.first_frame / rate)
-    notes = lacking, _other_rate([row[1] if len(row) > 1 else "" for row in (filled[0], filled[-1])], take.frames, rate)
+    times = [row[1].strip() if len(row) > 1 else "" for row in ends]
+    notes = lacking, "" if rate == given else _other_rate(times, take.frames, rate)
     return replace(take, notes=tuple(filter(None, notes)), trial=trial)
 
 
 def _other_rate(ends: Sequence[str], frames: int, rate: float) -> str:
-    """What to say where the times of the first and the last row count other frames than the rate does."""
+    """What to say where the times of the first and the last row count other frames than the rate does.
+
+    They may be a frame apart, and a step of the times as they are printed.
+    """
     try:
         span = float(ends[1]) - float(ends[0])
     except ValueError:
         return ""
-    if not span > 0 or abs(span * rate - (frames - 1)) < 1:
+    step = max(10.0 ** -len(text.partition(".")[2]) for text in ends)
+    if not 0 < span < np.inf or abs(span - (frames - 1) / rate) < 1 / rate + step:
         return ""
     return f"its times are of {(frames - 1) / span:.6g} frames a second, but its head says {rate:g}, which was taken"
 
@@ -174,9 +181,9 @@ def _other_rate(ends: Sequence[str], frames: int, rate: float) -> str:
 def _unpadded(lines: list[str]) -> list[str]:
     """The lines from the names on without the tab that some programs put before the names, or before each row.
 
-    A row that has one has a field more than its frame, its time and whole points. Between numbers, spaces are tabs.
+    A row that has one has a field more than its frame, its time and whole points.
     """
-    lines = [lines[0], *(_SPACES.sub("\t", row) if " " in row else row for row in lines[1:])]
+    lines = [lines[0], *(_FRAME_AND_TIME.sub(r"\1\t", row) for row in lines[1:])]
     names = lines[0].removeprefix("\t") if lines[0].lower().startswith("\tframe") else lines[0]
     first = next((row for row in lines[1:] if row.strip("\t -")[:1].isdigit()), "")
     padded = first.startswith("\t") and _trc_filled(first) % 3 == 0

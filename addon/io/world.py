@@ -95,12 +95,11 @@ SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
 UNSURE_WORDS = {"-Z": "+Z", "+Y": "+Y"}  # each with what is most likely meant
 
 
-# How a standing person's points lie; of 225 takes of many labs two stand along an axis by this that is not up.
+# How a standing person's points lie; nearly all takes at hand that stand along an axis by this have it up.
 STANDING_FRAMES = 400  # that are looked at, evenly spread: memory, 400 of 10,000 points are 96 MB
 # m, of the lowest marker above nought: physical, from one buried by a poor origin to one at half a shank
 FLOOR_M = (-0.3, 0.4)
-# that markers reach up from it: physical, an adult's legs; arms and trunks of people who sit reach 0.66 m to a side
-MIN_HEIGHT_M = 0.7
+MIN_HEIGHT_M = 0.5  # that markers reach up from it: physical, half the legs of an adult
 MIN_LONGER = 1.3  # times as long as wide who surely stands: measured, who kneels down from a run was 1.0 to 1.2
 MAX_WANDER = 0.25  # of the height, of the lowest marker: physical, a jump and a step are less than a shank
 

@@ -13,7 +13,7 @@ from addon.core.data.takes import Points
 from addon.io.c3d.lab import read_lab
 from addon.io.c3d.reading import C3dFile
 from addon.io.c3d.writing import first_number, write_c3d_file
-from addon.io.points import FilePoints, read_points, write_c3d
+from addon.io.points import FilePoints, of_frames, read_points, write_c3d
 from tests import recorded
 from tests.io.c3d_layouts import BLOCK, DEC, INTEL, MIPS, SCALE, Layout
 from tests.io.kept import otherwise
@@ -113,15 +113,14 @@ def test_a_word_about_points_in_the_groups_alone_changes_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
-def test_of_two_scales_of_whole_numbers_the_header_s_is_taken_and_kept(tmp_path, processor):
-    """Motion Analysis' sample 5 of c3d.org: its people are 2.6 times as tall by the header, and people so."""
+def test_of_two_scales_of_whole_numbers_the_group_s_is_taken_and_told(tmp_path, processor):
+    """As in MACsample of c3d.org's sample 6, the one of 279 files at hand whose scales differ."""
     layout = Layout(frames=90, points=5, processor=processor, real=False)
     path = written(tmp_path, layout)
-    content, said = path.read_bytes(), layout.reals([SCALE])
-    path.write_bytes(content[:BLOCK] + content[BLOCK:].replace(said, layout.reals([0.02]), 1))
+    path.write_bytes(path.read_bytes().replace(layout.reals([SCALE]), layout.reals([0.02]), 1))
     take = read_c3d(path)
     is_read(take, layout)
-    assert take.notes == ("the groups say a scale of 0.02, but the header's 0.05 was taken",)
+    assert take.notes == ("the header says a scale of 0.02, but the groups' 0.05 was taken",)
     whole = read_points(path)
     write_c3d(tmp_path / "named.c3d", whole, whole.trial)
     is_read(read_c3d(tmp_path / "named.c3d"), layout)
@@ -166,6 +165,30 @@ def test_a_file_that_says_what_sixteen_bits_can_has_the_frames_that_are_there(tm
     assert take.notes == ("the file says in places that it has 65535 frames, but 65601 fill it and were read",)
     path.write_bytes(path.read_bytes().rstrip(b"\0")[:-9])
     assert len(read_c3d(path).xyz) == 65535, "what is cut off within a frame is not to be relied on"
+
+
+@pytest.mark.parametrize("real", [True, False])
+@pytest.mark.parametrize("counted", [True, False])
+@pytest.mark.parametrize("behind", [bytes(1024), bytes(4096), b"\1\2\3\4" * 512, b"\0\0\x80?" * 512])
+def test_what_is_behind_the_most_that_sixteen_bits_count_is_no_frame(tmp_path, real, counted, behind):
+    path = written(tmp_path, Layout(frames=65_535, points=2, real=real))
+    content = path.read_bytes()
+    if not counted:
+        content = content.replace(b"TRIAL", b"OTHER").replace(b"LONG_FRAMES", b"LANG_FRAMES")
+        behind = b"\1\2\3\4" * 512 if any(behind) else behind  # ones might be points
+    path.write_bytes(content + behind)
+    take = read_c3d(path)
+    assert len(take.xyz) == 65535
+    assert [note.partition(" the file")[0] for note in take.notes] == ["behind its 65535 frames"]
+
+
+def test_a_part_of_many_frames_counts_its_own(tmp_path):
+    path = written(tmp_path, Layout(frames=65_601, points=2))
+    whole = read_points(path)
+    part = of_frames(whole, (1, 50))
+    write_c3d(tmp_path / "part.c3d", part, whole.trial)
+    count = ezc3d.c3d(str(tmp_path / "part.c3d"))["parameters"]["POINT"]["LONG_FRAMES"]["value"]
+    assert (len(part.xyz), count, read_points(tmp_path / "part.c3d").notes) == (50, [50], ())
 
 
 @pytest.mark.parametrize("cut", [1, 333, 5000])

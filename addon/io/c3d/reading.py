@@ -74,9 +74,7 @@ class C3dFile:
         self.order = ">" if self.processor == MIPS else "<"
         self.records = self._parse(content[self.section + 4 : self._end()])
         self.parameters = {key: record.parameter for key, record in self.records if record.parameter is not None}
-        self.scale, stated = self.number("POINT:SCALE", self.header_real(6)), self.header_real(6)
-        if self.scale > 0 and 0 < stated < 1e6:  # of whole numbers the header is right where the two differ
-            self.scale = stated
+        self.scale = self.number("POINT:SCALE", self.header_real(6))
         if not 0 < abs(self.scale) < 1e6:
             raise InputError(f"has the scale {self.scale:g}; expected {KIND} with a scale", path)
         self.width = 4 if self.scale < 0 else 2
@@ -291,10 +289,8 @@ def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout |
     size, (end, turns) = (4 * points + analog) * file.width, _turns(file, start)
     available = (end - start) // size
     stated = _stated_frames(file)
-    if max(stated)[0] == SIXTEEN_BITS < available:  # which may mean more: all up to the padding
-        last = file.content[end - BLOCK : end]
-        whole = -(-(end - start - len(last) + len(last.rstrip(b"\0"))) // size)
-        stated += [(whole, stated[0][1])] if whole <= available else []
+    if max(stated)[0] == SIXTEEN_BITS < available and (more := _uncounted(file, start, end, points, size)):
+        stated.append((more, stated[0][1]))
     fitting = [one for one in stated if 1 <= one[0] <= available]
     if not fitting:
         return None
@@ -302,6 +298,26 @@ def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout |
     left, notes = end - start - frames * size, tuple(_notes(file, points, analog, frames, stated))
     turned = end + 4 * turns * frames <= len(file.content)
     return FileLayout(start, points, analog, frames, first, left, notes, (end, turns) if turned else (0, 0))
+
+
+def _uncounted(file: C3dFile, start: int, end: int, points: int, size: int) -> int:
+    """How many frames of `size` bytes fill a file that says 65535, the most that 16 bits can; 0 where that is in doubt.
+
+    Reals alone tell: of points the fourth is a whole number, of hardly anything else.
+    """
+    last = file.content[end - BLOCK : end]
+    whole = -(-(end - start - len(last) + len(last.rstrip(b"\0"))) // size)
+    counted = file.whole("POINT:LONG_FRAMES") > 0 or len(file.numbers("TRIAL:ACTUAL_END_FIELD")) > 1
+    # ezc3d pads a file that needs no padding with a block.
+    if counted or file.scale > 0 or whole <= SIXTEEN_BITS or not 0 <= end - start - whole * size <= BLOCK:
+        return 0
+    for part in blocks(whole - SIXTEEN_BITS, size // 16):
+        begin, stop = (start + (SIXTEEN_BITS + at) * size for at in (part.start, part.stop))
+        content = file.content[begin:stop]
+        fourth = file.reals(content).reshape(-1, size // 4)[:, 3 : 4 * points : 4]
+        if not (fourth == np.rint(fourth)).all() or not any(content[-size:]):
+            return 0
+    return whole
 
 
 def _likeliest(stated: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:
@@ -339,8 +355,8 @@ def _notes(file: C3dFile, points: int, analog: int, frames: int, stated: list[tu
         yield f"the file says in places that it has {' or '.join(others)} frames, but {frames} fill it and were read"
     if file.word(1) and points != file.word(1):
         yield f"the header says that there are {file.word(1)} points, but {points} fill the file and were read"
-    if not np.isclose(file.scale, file.number("POINT:SCALE", file.scale)):
-        yield f"the groups say a scale of {file.number('POINT:SCALE', 0):g}, but the header's {file.scale:g} was taken"
+    if min(file.scale, said := file.header_real(6)) > 0 and not np.isclose(said, file.scale):
+        yield f"the header says a scale of {said:g}, but the groups' {file.scale:g} was taken"
     if analog != file.word(2):
         yield (
             f"the header says that a frame has {file.word(2)} words of analog data, but {analog} fill the file "
