@@ -303,7 +303,7 @@ def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout |
 def _uncounted(file: C3dFile, start: int, end: int, points: int, size: int) -> int:
     """How many frames of `size` bytes fill a file that says 65535, the most that 16 bits can; 0 where that is in doubt.
 
-    Reals alone tell: of points the fourth is a whole number, of hardly anything else.
+    Reals alone tell: of points the fourth is a whole number, and no frame is of one number, as what fills a file is.
     """
     last = file.content[end - BLOCK : end]
     whole = -(-(end - start - len(last) + len(last.rstrip(b"\0"))) // size)
@@ -313,9 +313,9 @@ def _uncounted(file: C3dFile, start: int, end: int, points: int, size: int) -> i
         return 0
     for part in blocks(whole - SIXTEEN_BITS, size // 16):
         begin, stop = (start + (SIXTEEN_BITS + at) * size for at in (part.start, part.stop))
-        content = file.content[begin:stop]
-        fourth = file.reals(content).reshape(-1, size // 4)[:, 3 : 4 * points : 4]
-        if not (fourth == np.rint(fourth)).all() or not any(content[-size:]):
+        reals = file.reals(file.content[begin:stop]).reshape(-1, size // 4)
+        fourth = reals[:, 3 : 4 * points : 4]
+        if not (fourth == np.rint(fourth)).all() or (reals.min(axis=1) == reals.max(axis=1)).any():
             return 0
     return whole
 
