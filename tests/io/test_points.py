@@ -429,7 +429,7 @@ def test_a_rate_that_a_text_does_not_say_may_be_given(tmp_path, name, text, rate
     ],
 )
 def test_spaces_and_times_in_rows_of_a_trc(tmp_path, rows, notes):
-    """OpenSim's gait2392 has a take whose frames and times have spaces between, and whose head has another rate."""
+    """Programs put spaces between frame and time, and times of another rate than the head says."""
     path = tmp_path / "take.trc"
     path.write_text(TRC.format(rate="100", rows=rows))
     take = read_trc(path)
