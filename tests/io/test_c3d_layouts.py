@@ -13,7 +13,7 @@ from addon.core.data.takes import Points
 from addon.io.c3d.lab import read_lab
 from addon.io.c3d.reading import C3dFile
 from addon.io.c3d.writing import first_number, write_c3d_file
-from addon.io.points import FilePoints, of_frames, read_points, write_c3d
+from addon.io.points import FilePoints, read_points, write_c3d
 from tests import recorded
 from tests.io.c3d_layouts import BLOCK, DEC, INTEL, MIPS, SCALE, Layout
 from tests.io.kept import otherwise
@@ -179,15 +179,6 @@ def test_what_is_behind_the_most_that_sixteen_bits_count_is_no_frame(tmp_path, r
     take = read_c3d(path)
     assert len(take.xyz) == 65535
     assert [note.partition(" the file")[0] for note in take.notes] == ["behind its 65535 frames"]
-
-
-def test_a_part_of_many_frames_counts_its_own(tmp_path):
-    path = written(tmp_path, Layout(frames=65_601, points=2))
-    whole = read_points(path)
-    part = of_frames(whole, (1, 50))
-    write_c3d(tmp_path / "part.c3d", part, whole.trial)
-    count = ezc3d.c3d(str(tmp_path / "part.c3d"))["parameters"]["POINT"]["LONG_FRAMES"]["value"]
-    assert (len(part.xyz), count, read_points(tmp_path / "part.c3d").notes) == (50, [50], ())
 
 
 @pytest.mark.parametrize("cut", [1, 333, 5000])

@@ -244,7 +244,7 @@ def _ours(labels: list[str], frames: int, rate: float, scale: float, first: int,
     }
     if kept is None:
         ours |= {"POINT:UNITS": _text("mm"), "POINT:X_SCREEN": _text("+X"), "POINT:Y_SCREEN": _text("+Z")}
-    if frames > 65535 or (kept and "POINT:LONG_FRAMES" in kept.file.parameters):  # which would be of the whole take
+    if frames > 65535:
         ours["POINT:LONG_FRAMES"] = _real(frames)
     for part, start in enumerate(range(0, len(labels), 255), 1):
         suffix = "" if part == 1 else str(part)
