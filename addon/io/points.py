@@ -90,7 +90,7 @@ def read_points(
 
     Left out are the model outputs, axes of segments and joint centres that Vicon mixes among the markers.
     `up` is the axis that points up in the file, one of x y z -x -y -z, where that is known better than from the file;
-    `rate` is used where a C3D file says none; `make_table` says where residuals are kept; `mirror` reverses an axis,
+    `rate` is used where a file says none; `make_table` says where residuals are kept; `mirror` reverses an axis,
     of a take whose axes are left-handed.
 
     Raises InputError for whatever cannot be used, and where no point is in the frames asked for.
@@ -135,7 +135,7 @@ def _read(path: Path, everything: bool, up: str | None, rate: float | None, make
         if not path.exists():
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
-    return _file_points(TEXT_READERS[suffix](path), up, path)
+    return _file_points(TEXT_READERS[suffix](path, rate), up, path)
 
 
 def _file_points(content: PointFile, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:
@@ -216,15 +216,17 @@ def columns_of_set(names: Sequence[str], markerset: MarkerSet, path: Path | str 
     return found
 
 
-def write_c3d(path: Path, points: Points, trial: TrialFile | TextHead | None = None, subjects: Sequence[str] = ()):
+def write_c3d(
+    path: Path, points: Points, trial: TrialFile | TextHead | None = None, subjects: Sequence[str] = ()
+) -> list[str]:
     """Writes the contract's labelled take: names in their order, and unlabelled trajectories as *1, *2 and so on.
 
     Without the `trial` that it came from it is written alone, in mm, z up; else with all else of that C3D file, in its
     unit and axes, or with what a text's head says. Samples whose residual is 0 were filled, measured ones get one above
-    zero. `subjects` are those whose names stand before markers.
+    zero. `subjects` are those whose names stand before markers. Gives what there was no room for, in sentences.
     """
     of_take = points.xyz, points.residual, points.rate, points.first_frame
-    write_c3d_file(path, _numbered(points.names), *of_take, trial, subjects)
+    return write_c3d_file(path, _numbered(points.names), *of_take, trial, subjects)
 
 
 def write_trc(path: Path, points: Points, trial: TrialFile | TextHead | None = None):

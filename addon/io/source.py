@@ -130,7 +130,7 @@ def read_text(path: Path, kind: str, limit: int = MAX_TEXT_BYTES) -> str:
 
 
 def decode(content: bytes, path: Path, kind: str) -> str:
-    """`content` as text; old Windows files that are not UTF-8 are taken as Latin-1."""
+    """`content` as text; old Windows files that are not UTF-8 are taken as Windows-1252."""
     for mark, encoding in _MARKS:
         if content.startswith(mark):
             try:
@@ -142,7 +142,16 @@ def decode(content: bytes, path: Path, kind: str) -> str:
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError:
-        return content.decode("latin-1")
+        return windows_text(content)
+
+
+# What Windows-1252 has where Latin-1 has control characters; format. Five bytes mean nothing in it.
+_WINDOWS = {code: letter for code in range(0x80, 0xA0) if (letter := bytes([code]).decode("cp1252", "ignore"))}
+
+
+def windows_text(content: bytes) -> str:
+    """Text as Windows wrote it in western Europe and America before UTF-8, of any bytes."""
+    return content.decode("latin-1").translate(_WINDOWS)
 
 
 def read_xml(path: Path, kind: str) -> "Element":

@@ -116,12 +116,16 @@ TRC = "a .trc file"
 # The format has no word for the axis that points up, and most of its files have y up; ours say here that it is z.
 Z_UP = "Z_UP"
 
+# Of a row, a frame and a time with spaces between; a decimal point tells that from a frame such as "1 234".
+_FRAME_AND_TIME = re.compile(r"^(\s*\d+) +(?=\d*\.\d+ *\t)", re.ASCII)
+
 WIDTH_ROWS = 1000  # rows that are looked at where nothing else says how many markers there are
 
 
-def read_trc(path: Path) -> PointFile:
+def read_trc(path: Path, given: float | None = None) -> PointFile:
     """Points of a TRC, with those beyond its names: EVaRT and Cortex write what they did not identify so.
 
+    `given` is the rate where the file says none, as of all texts.
     Raises InputError with the line where the file is not as the format says.
     """
     text = decode(read_bytes(path), path, TRC)
@@ -134,7 +138,7 @@ def read_trc(path: Path) -> PointFile:
         raise InputError(f"ends in its head; expected {TRC} (is the file cut off?)", path, len(lines))
     lines[3:] = _unpadded(lines[3:])
     head = dict(zip(lines[1].split(), lines[2].split(), strict=False))
-    rate = _rate_in_head(head.get("DataRate", ""), "DataRate", path, 3)
+    rate = _rate_in_head(head.get("DataRate", ""), "DataRate", path, 3, given)
     begin = next((index for index in (4, 5) if _is_trc_row(lines, index)), 5)
     labels = _trc_labels(lines[3], head.get("NumMarkers", ""), lines[begin:])
     named = 2 + 3 * len(labels)
@@ -149,11 +153,29 @@ def read_trc(path: Path) -> PointFile:
     if lacking and not ended:  # its last number may be cut
         words = f"{lacking}, and ends in the middle of a row or without a line end"
         raise InputError(f"{words}; expected a whole last row", path, len(lines))
-    row = next(line for line in lines[begin:] if line.strip()).split("\t")
-    begin_s = _value(row, 1, path, begin + 1) - take.first_frame / rate
+    filled = [line for line in lines[begin:] if line.strip()]
+    ends = [filled[at].split("\t") for at in (0, -1)]
+    begin_s = _value(ends[0], 1, path, begin + 1) - take.first_frame / rate
     own = head if len(lines[1].split()) == len(lines[2].split()) else {}
     trial = TextHead(own, {}, begin_s if begin_s == begin_s else -take.first_frame / rate)
-    return replace(take, notes=(lacking,) if lacking else (), trial=trial)
+    times = [row[1].strip() if len(row) > 1 else "" for row in ends]
+    notes = lacking, "" if rate == given else _other_rate(times, take.frames, rate)
+    return replace(take, notes=tuple(filter(None, notes)), trial=trial)
+
+
+def _other_rate(ends: Sequence[str], frames: int, rate: float) -> str:
+    """What to say where the times of the first and the last row count other frames than the rate does.
+
+    They may be a frame apart, and a step of the times as they are printed.
+    """
+    try:
+        span = float(ends[1]) - float(ends[0])
+    except ValueError:
+        return ""
+    step = max(10.0 ** -len(text.partition(".")[2]) for text in ends)
+    if not 0 < span < np.inf or abs(span - (frames - 1) / rate) < 1 / rate + step:
+        return ""
+    return f"its times are of {(frames - 1) / span:.6g} frames a second, but its head says {rate:g}, which was taken"
 
 
 def _unpadded(lines: list[str]) -> list[str]:
@@ -161,6 +183,7 @@ def _unpadded(lines: list[str]) -> list[str]:
 
     A row that has one has a field more than its frame, its time and whole points.
     """
+    lines = [lines[0], *(_FRAME_AND_TIME.sub(r"\1\t", row) for row in lines[1:])]
     names = lines[0].removeprefix("\t") if lines[0].lower().startswith("\tframe") else lines[0]
     first = next((row for row in lines[1:] if row.strip("\t -")[:1].isdigit()), "")
     padded = first.startswith("\t") and _trc_filled(first) % 3 == 0
@@ -229,14 +252,17 @@ def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
     return names if len(names) in (stated, *map(_trc_points, rows[:WIDTH_ROWS])) else labels[::3]
 
 
-def _rate_in_head(text: str, what: str, path: Path, line: int) -> float:
+def _rate_in_head(text: str, what: str, path: Path, line: int, given: float | None) -> float:
     try:
         rate = float(text)
     except ValueError:
         rate = np.nan
     if MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         return rate
-    raise InputError(f"has a {what} of {text[:40]!r}; expected frames a second, written there", path, line)
+    if given is not None:
+        return given
+    words = f"has a {what} of {text[:40]!r}"
+    raise InputError(f"{words}; expected frames a second, written there or given", path, line)
 
 
 def write_trc_file(
@@ -283,11 +309,11 @@ def is_motive(path: Path) -> bool:
     """Whether a file begins with Motive's settings, as its exports of points do and files of blobs do not."""
     with open_binary(path) as file:
         head = file.readline(4096)
-    first = head.removeprefix(codecs.BOM_UTF8).decode("latin-1").partition(",")[0]
+    first = head.lstrip(codecs.BOM_UTF8 + codecs.BOM_UTF16).replace(b"\0", b"").decode("latin-1").partition(",")[0]
     return first.strip().strip('"').lower() in OPENINGS
 
 
-def read_motive(path: Path) -> PointFile:
+def read_motive(path: Path, given: float | None = None) -> PointFile:
     """Raises InputError with the line where the file is not as Motive writes it."""
     text = decode(read_bytes(path), path, MOTIVE)
     lines = _lines(text)
@@ -295,7 +321,7 @@ def read_motive(path: Path) -> PointFile:
     settings = dict(zip((key.strip().lower() for key in head[::2]), head[1::2], strict=False))
     if not any(opening in settings for opening in OPENINGS):
         raise InputError(f"does not begin with Motive's settings; expected {MOTIVE}", path, 1)
-    rate = _rate(settings, path)
+    rate = _rate(settings, path, given)
     titles, start = _titles(lines, path)
     kinds, names, properties = (titles.get(key, []) for key in ("type", "name", "property"))
     labels, columns = _markers(kinds, names, properties, path, start)
@@ -329,7 +355,7 @@ def _rows(lines: list[str], start: int, path: Path) -> Iterator[tuple[int, list[
         raise InputError("has no frames; expected at least one", path)
 
 
-def _rate(settings: dict[str, str], path: Path) -> float:
+def _rate(settings: dict[str, str], path: Path, given: float | None) -> float:
     for key in ("export frame rate", "capture frame rate"):
         try:
             rate = float(settings.get(key, ""))
@@ -337,7 +363,9 @@ def _rate(settings: dict[str, str], path: Path) -> float:
             continue
         if MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
             return rate
-    raise InputError("has no Export Frame Rate; expected frames a second", path, 1)
+    if given is not None:
+        return given
+    raise InputError("has no Export Frame Rate; expected frames a second, written there or given", path, 1)
 
 
 def _titles(lines: list[str], path: Path) -> tuple[dict[str, list[str]], int]:
@@ -401,7 +429,7 @@ def is_other_tsv(path: Path) -> bool:
     return any(words.upper() != "3D" for words in said)
 
 
-def read_tsv(path: Path) -> PointFile:
+def read_tsv(path: Path, given: float | None = None) -> PointFile:
     """Points of a Qualisys export; where it has no column of frames, they are numbered from 1 on.
 
     Raises InputError with the line where the file is not as QTM writes it.
@@ -417,7 +445,7 @@ def read_tsv(path: Path) -> PointFile:
         words = f"holds {kind[:40]} data" if kind else "has no DATA_INCLUDED in its head"
         raise InputError(f"{words}; expected {TSV}", path, line)
     line, frequency = head.get("FREQUENCY", (1, ""))
-    rate = _rate_in_head(frequency, "FREQUENCY", path, line)
+    rate = _rate_in_head(frequency, "FREQUENCY", path, line, given)
     line, names = head.get("MARKER_NAMES", (1, ""))
     labels, stated = [name.strip() for name in names.split("\t")], count_in(head.get("NO_OF_MARKERS", (1, ""))[1])
     if "MARKER_NAMES" not in head or len(labels) > stated > 0:

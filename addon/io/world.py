@@ -22,7 +22,10 @@ UNITS = {
     "m": 1.0,
     "meters": 1.0,
     "in": 0.0254,
+    "inch": 0.0254,
     "inches": 0.0254,
+    "ft": 0.3048,
+    "feet": 0.3048,
 }
 
 _ROTATIONS = {
@@ -92,7 +95,7 @@ SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
 UNSURE_WORDS = {"-Z": "+Z", "+Y": "+Y"}  # each with what is most likely meant
 
 
-# How a standing person's points lie; all 80 takes at hand that stand along an axis by this have it up.
+# How a standing person's points lie; nearly all takes at hand that stand along an axis by this have it up.
 STANDING_FRAMES = 400  # that are looked at, evenly spread: memory, 400 of 10,000 points are 96 MB
 # m, of the lowest marker above nought: physical, from one buried by a poor origin to one at half a shank
 FLOOR_M = (-0.3, 0.4)

@@ -93,7 +93,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         present = shown.present
         rows = gap_rows(filled.gaps, names, take.first_frame)
         yield Progress(0.95, "write")
-        write_c3d(target, points, None if job.plain else take.trial)
+        notes = write_c3d(target, points, None if job.plain else take.trial)
         write_filled(table, rows)
         report = {
             "take": job.source.stem,
@@ -107,7 +107,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
             "samples_filled": int(filled.filled.sum()),
             "filled": rows,
             "left": left_rows(filled.left, names, take.first_frame),
-            "notes": list(take.notes),
+            "notes": [*take.notes, *notes],
             **({"unit_assumed": take.assumed} if take.assumed else {}),
             **renumbered(points),
         }

@@ -405,7 +405,7 @@ class Results:
                 save_blend(files[".blend"], job.source, rate, take.worn, *shown)
             changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], take.worn.markers)
             subjects = [] if job.plain else [name for name, _ in take.worn.worn if name]
-            write_c3d(files[".c3d"], points, take.trial, subjects)
+            words = write_c3d(files[".c3d"], points, take.trial, subjects)
             if job.trc:
                 write_trc(files[".trc"], points, take.trial)
             written = {ending: path for ending, path in files.items() if ending not in (PAGE, REPORT)}
@@ -424,8 +424,8 @@ class Results:
         )
         if "points" in report:
             del report["blobs"]
-        if left := [path.name for path in leftovers(job)]:
-            words = [f"{name} is not of this run, and stays as it is" for name in left]
+        words += [f"{path.name} is not of this run, and stays as it is" for path in leftovers(job)]
+        if words:
             report["notes"] = [*report.get("notes", []), *words]
         if self.overview is not None:
             from ..io.html.pages import write_take_page

@@ -254,7 +254,7 @@ def moved(stored: Stored, place: np.ndarray) -> Stored:
 def write_points(paths: Sequence[Path], whole: Stored, stored: Stored) -> str:
     """Writes the markers of a take or of a part of it, with all else of the file that the take came from.
 
-    Or says of a C3D that it is not as it was.
+    Says of a C3D that it is not as it was, and of what a C3D has no room for.
     """
     path, *beside = paths
     for fills in beside:
@@ -263,9 +263,9 @@ def write_points(paths: Sequence[Path], whole: Stored, stored: Stored) -> str:
     if path.suffix == ".trc":
         write_trc(path, points_of(stored), trial)
         return ""
-    write_c3d(path, points_of(stored), trial, [one.name for one in stored.performers if one.name])
+    notes = write_c3d(path, points_of(stored), trial, [one.name for one in stored.performers if one.name])
     if trial is not None or not whole.source.lower().endswith(".c3d"):
-        return ""
+        return "; ".join(f"{whole.source}: {note}" for note in notes)
     return f"{whole.source}: is gone, or its points are not as they were labelled, so those were saved alone"
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """C3D files of every processor and layout, and all else in them that stays; judged by two other readers."""
 
+import re
 from dataclasses import replace
 
 import ezc3d
@@ -111,6 +112,20 @@ def test_a_word_about_points_in_the_groups_alone_changes_nothing(tmp_path):
     is_read(take, layout)
 
 
+@pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
+def test_of_two_scales_of_whole_numbers_the_group_s_is_taken_and_told(tmp_path, processor):
+    """As in MACsample of c3d.org's sample 6, the one of 279 files at hand whose scales differ."""
+    layout = Layout(frames=90, points=5, processor=processor, real=False)
+    path = written(tmp_path, layout)
+    path.write_bytes(path.read_bytes().replace(layout.reals([SCALE]), layout.reals([0.02]), 1))
+    take = read_c3d(path)
+    is_read(take, layout)
+    assert take.notes == ("the header says a scale of 0.02, but the groups' 0.05 was taken",)
+    whole = read_points(path)
+    write_c3d(tmp_path / "named.c3d", whole, whole.trial)
+    is_read(read_c3d(tmp_path / "named.c3d"), layout)
+
+
 def test_a_file_that_ends_with_a_frame_has_the_frames_that_are_there(tmp_path):
     layout = Layout(frames=31, points=7, padded=False)
     path = written(tmp_path, layout, said_frames=1149, header=((4, 1149),))
@@ -123,6 +138,47 @@ def test_a_file_that_ends_with_a_frame_has_the_frames_that_are_there(tmp_path):
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(InputError, match="has data for 30 of 1149 frames; expected a whole C3D file"):
         read_c3d(path)
+    path = written(tmp_path, layout, said_frames=0, header=((3, 1), (4, 0)))
+    path.write_bytes(path.read_bytes().replace(b"TRIAL", b"OTHER")[:-1])
+    with pytest.raises(InputError, match="says nowhere how many frames it has; expected a whole C3D file"):
+        read_c3d(path)
+
+
+def test_what_is_behind_the_frames_is_told(tmp_path):
+    """Programs that write more frames than they count."""
+    layout = Layout(frames=90, points=5)
+    path = written(tmp_path, layout)
+    path.write_bytes(path.read_bytes() + b"\1" * 1024)
+    take = read_c3d(path)
+    is_read(take, layout)
+    ((*_, bytes_more),) = (note.partition("holds ") for note in take.notes)
+    assert re.fullmatch(r"1\d{3} bytes more, which were passed over", bytes_more)
+
+
+def test_a_file_that_says_what_sixteen_bits_can_has_the_frames_that_are_there(tmp_path):
+    """As ezc3d writes more than 65535 frames."""
+    layout = Layout(frames=65_601, points=2, first=1)
+    path = written(tmp_path, layout, said_frames=65535, header=((4, 65535),))
+    path.write_bytes(path.read_bytes().replace(b"TRIAL", b"OTHER").replace(b"LONG_FRAMES", b"LANG_FRAMES"))
+    take = read_c3d(path)
+    is_read(take, layout)
+    assert take.notes == ("the file says in places that it has 65535 frames, but 65601 fill it and were read",)
+    path.write_bytes(path.read_bytes().rstrip(b"\0")[:-9])
+    assert len(read_c3d(path).xyz) == 65535, "what is cut off within a frame is not to be relied on"
+
+
+@pytest.mark.parametrize("real", [True, False])
+@pytest.mark.parametrize("counted", [True, False])
+@pytest.mark.parametrize("behind", [bytes(1024), bytes(4096), b"\1\2\3\4" * 512, b"\0\0\x80?" * 512])
+def test_what_is_behind_the_most_that_sixteen_bits_count_is_no_frame(tmp_path, real, counted, behind):
+    path = written(tmp_path, Layout(frames=65_535, points=2, real=real))
+    content = path.read_bytes()
+    if not counted:
+        content = content.replace(b"TRIAL", b"OTHER").replace(b"LONG_FRAMES", b"LANG_FRAMES")
+    path.write_bytes(content + behind)
+    take = read_c3d(path)
+    assert len(take.xyz) == 65535
+    assert [note.partition(" the file")[0] for note in take.notes] == ["behind its 65535 frames"]
 
 
 @pytest.mark.parametrize("cut", [1, 333, 5000])

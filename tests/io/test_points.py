@@ -4,6 +4,7 @@
 import re
 import tracemalloc
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from addon.core.data.columns import Columns, beside_of
 from addon.core.data.errors import InputError
 from addon.core.data.lanes import Lanes
 from addon.core.data.takes import Points
+from addon.io.c3d.lab import read_lab
 from addon.io.c3d.writing import write_c3d_file
 from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
 from addon.io.textpoints import read_trc
@@ -184,7 +186,7 @@ def test_our_own_trc_comes_back(tmp_path, name):
     np.testing.assert_allclose(found.xyz, take.xyz, atol=1e-8)
 
 
-@pytest.mark.parametrize(("unit", "metre"), [("mm", 1e-3), ("Meters", 1.0)])
+@pytest.mark.parametrize(("unit", "metre"), [("mm", 1e-3), ("Meters", 1.0), ("ft", 0.3048)])
 def test_the_trc_of_a_trc_has_its_head_and_time_in_mm_with_z_up(tmp_path, unit, metre):
     take, path, out = walk(first=200), tmp_path / "own.trc", tmp_path / "named.trc"
     write_trc(path, take)
@@ -216,6 +218,11 @@ def test_the_trc_of_a_trc_has_its_head_and_time_in_mm_with_z_up(tmp_path, unit, 
     parameters = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]
     assert parameters["TRIAL"]["CAMERA_RATE"]["value"] == 240
 
+
+TRC = (
+    "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n"
+    "{rate}\t100\t1\t1\tmm\nFrame#\tTime\tA\t\t\n\t\tX1\tY1\tZ1\n{rows}"
+)
 
 TRC_HEADS = {
     "three tabs a name": "Frame#\tTime\tA\t\t\tB b\t\t\tC\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n\n",
@@ -345,12 +352,90 @@ def test_qualisys_tsv_export(tmp_path, numbered, titled):
     np.testing.assert_allclose(take.picked([0, 1]).xyz[0], [[0.1, 0.2, 1.0], [0.011, 0.022, 0.033]])
     np.testing.assert_array_equal(take.present, [[frame != 2, True, False] for frame in range(5)])
     write_c3d(tmp_path / "named.c3d", take, take.trial)
-    head = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]["QTM"]
-    assert head["TIME_STAMP"]["value"] == ["2026-01-19, 10:19:43.755 20.5"]
+    parameters = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]
+    assert parameters["QTM"]["TIME_STAMP"]["value"] == ["2026-01-19, 10:19:43.755 20.5"]
+    assert (parameters["EVENT"]["USED"]["value"], parameters["EVENT"]["LABELS"]["value"]) == (1, ["step"])
+    np.testing.assert_allclose(parameters["EVENT"]["TIMES"]["value"], [[0], [8 / 120]])
+    ((name, frame),) = read_lab(read_points(tmp_path / "named.c3d").trial, 120).events
+    assert (name, frame) == ("step", pytest.approx(9, abs=1e-5))
     text = path.read_text().replace("\t3D", "\t3d")
     for written, events in (("step\t9 ", [("step", 9.0)]), ("step\tnine", []), ("\t9", []), (" \t9", [])):
         path.write_text(text.replace("step\t9", written))
         assert list(read_points(path).trial.events) == events
+
+
+def test_events_that_a_c3d_has_no_room_for_are_left_out_and_told(tmp_path):
+    path, named = tmp_path / "take.tsv", tmp_path / "named.c3d"
+    name = "a\x01" + "é" * 200
+    path.write_text(tsv().replace("EVENT", f"EVENT\t{name}\t12009\n" * 300 + "EVENT"), encoding="utf-8")
+    take = read_points(path)
+    notes = write_c3d(named, take, take.trial)
+    assert notes == ["the C3D file has no room for 46 of 301 events, which were left out"]
+    events = read_lab(read_points(named).trial, 120).events
+    assert (len(events), events[0][0]) == (255, "a_" + "é" * 63)
+    assert ezc3d.c3d(str(named))["parameters"]["EVENT"]["TIMES"]["value"][:, 0] == pytest.approx([1, 40 + 8 / 120])
+    with named.open("rb") as file:
+        assert py_c3d.Reader(file).get("EVENT:USED").uint16_value == 255
+    many = [f"{'m' * 250}{at:03d}" for at in range(400)]
+    crowd = replace(walk(first=1), names=tuple(many), xyz=np.ones((9, 400, 3)), residual=np.full((9, 400), np.nan))
+    assert write_c3d(named, crowd, take.trial) == [
+        "the C3D file has no room for 301 of 301 events, which were left out"
+    ]
+    assert not read_lab(read_points(named).trial, 120).events
+
+
+def test_thousands_and_blanks_between_spaces_are_no_rows(tmp_path):
+    path = tmp_path / "take.trc"
+    for row in ("1\t0.01\t1 234.5\t2\t3\n", "1\t0.01\t1 2 3\n", "1 0.01 1 2 3\n", "1 234\t12.34\t1\t2\t3\n"):
+        path.write_text(TRC.format(rate="100", rows=row + "3\t0.03\t1\t2\t3\n"))
+        with pytest.raises(InputError, match=r"expected a (frame )?number"):
+            read_trc(path)
+
+
+def test_times_are_not_held_against_a_rate_that_was_given(tmp_path):
+    path = tmp_path / "take.trc"
+    path.write_text(TRC.format(rate="0", rows="1\t0.00\t1\t2\t3\n2\t0.02\t4\t5\t6\n3\t0.04\t7\t8\t9\n"))
+    assert (read_trc(path, 100.0).rate, read_trc(path, 100.0).notes) == (100, ())
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "rate"),
+    [
+        ("take.tsv", tsv().replace("\t120", "\tEXT"), "a FREQUENCY of 'EXT'"),  # of a time base outside QTM
+        ("take.csv", motive().replace("120.000000", "").replace("240.000000", ""), "no Export Frame Rate"),
+        ("take.trc", TRC.format(rate="0", rows="1\t0\t1\t2\t3\n"), "a DataRate of '0'"),
+    ],
+)
+def test_a_rate_that_a_text_does_not_say_may_be_given(tmp_path, name, text, rate):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=f"{rate}; expected frames a second, written there or given"):
+        read_points(path)
+    assert read_points(path, rate=85.0).rate == 85.0
+
+
+@pytest.mark.parametrize(
+    ("rows", "notes"),
+    [
+        ("1\t0.00\t1\t2\t3\n2\t0.01\t4\t5\t6\n3\t0.02\t7\t8\t9\n", ()),
+        ("1    0.00\t  1.0\t  2\t  3\n2    0.01\t  4\t 5 \t 6\n3 0.02\t7\t8\t9 \n", ()),
+        (
+            "1\t0.00\t1\t2\t3\n2\t0.02\t4\t5\t6\n3\t0.04\t7\t8\t9\n",
+            ("its times are of 50 frames a second, but its head says 100, which was taken",),
+        ),
+        ("1\t\t1\t2\t3\n2\t\t4\t5\t6\n3\t\t7\t8\t9\n", ()),
+        ("1\t0\t1\t2\t3\n2\t.01\t4\t5\t6\n3\tinf\t7\t8\t9\n", ()),
+        ("1\t0.0\t1\t2\t3\n2\t0.0\t4\t5\t6\n3\t0.1\t7\t8\t9\n", ()),
+    ],
+)
+def test_spaces_and_times_in_rows_of_a_trc(tmp_path, rows, notes):
+    """Programs put spaces between frame and time, and times of another rate than the head says."""
+    path = tmp_path / "take.trc"
+    path.write_text(TRC.format(rate="100", rows=rows))
+    take = read_trc(path)
+    assert (take.frames, take.notes) == (3, notes)
+    xyz, _ = dense(take.frames, 1, take.parts())
+    np.testing.assert_array_equal(xyz[:, 0], np.arange(1, 10).reshape(3, 3))
 
 
 @pytest.mark.parametrize(
@@ -391,12 +476,12 @@ def test_what_is_wrong_with_a_tsv_export_is_told(tmp_path, old, new, words, line
 
 @pytest.mark.parametrize("ending", ["\r\n", "\r", "\n"])
 def test_a_tsv_export_of_old_windows_with_a_time_code_and_left_out_frames(tmp_path, ending):
-    text = tsv().replace("LASI", "LA\x85SI").replace("Time\t", "Time\tSMPTE\t").replace("\n11\t", "\n15\t")
+    text = tsv().replace("Time\t", "Time\tSMPTE\t").replace("\n11\t", "\n15\t")
     for frame in range(5):
         text = text.replace(f"\t{frame / 120:.5f}", f"\t{frame / 120:.5f}\t10:19:43:{frame:02d}")
-    (tmp_path / "take.tsv").write_bytes(text.replace("\r\n", ending).encode("latin-1"))
+    (tmp_path / "take.tsv").write_bytes(text.replace("\r\n", ending).encode().replace(b"LASI", b"\x8cil\xe9\x85\x81"))
     take = read_points(tmp_path / "take.tsv")
-    assert take.names == ("LA\x85SI", "", "RASI")
+    assert take.names == ("Œilé…\x81", "", "RASI")
     np.testing.assert_allclose(take.picked([0]).xyz[8], [[0.104, 0.204, 1.004]])
 
 
@@ -495,8 +580,9 @@ def test_a_trc_says_the_name_that_it_will_have(tmp_path):
     assert (tmp_path / "take.trc").read_text().split("\n")[0].split("\t")[3] == "take.trc"
 
 
-def test_points_are_told_from_blobs(tmp_path):
-    (tmp_path / "motive.csv").write_text("\ufeff" + motive(), encoding="utf-8")
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_points_are_told_from_blobs(tmp_path, encoding):
+    (tmp_path / "motive.csv").write_text(motive(), encoding=encoding)
     (tmp_path / "blobs.csv").write_text(BLOBS)
     assert [holds_points(tmp_path / name) for name in ("motive.csv", "blobs.csv", "a.c3d", "a.TRC")] == [1, 0, 1, 1]
 

@@ -166,10 +166,10 @@ def model_worn(
     worn, likely = yield from known_worn(take, turns, known, forced)
     if worn is not None:
         return likely[worn], f"{likely[worn]} was found among {len(known)} marker sets"
-    first, *_ = names = list(likely.values())
-    raise JobError(
-        f"looks like a take of {' as well as '.join(names)}; expected the one that is worn, {HOW_TO_CHOOSE} {first}"
-    )
+    first, *others = names = list(likely.values())
+    doubt = "" if others else ", but not surely"
+    words = f"looks like a take of {' as well as '.join(names)}{doubt}"
+    raise JobError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} {first}")
 
 
 def known_worn(

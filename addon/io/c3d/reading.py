@@ -9,7 +9,7 @@ import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ..samples import PointFile, Samples
-from ..source import BytesOnDisk
+from ..source import BytesOnDisk, windows_text
 
 KIND = "a C3D file"
 BLOCK = 512
@@ -175,13 +175,13 @@ class C3dFile:
 
 
 def as_text(content: bytes) -> str:
-    """UTF-8, the last letter of which may be cut off; Latin-1 where it is not."""
+    """UTF-8, the last letter of which may be cut off; Windows-1252 where it is not."""
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
         # A parameter has room for 255 bytes, and a program that cuts there may cut a letter.
         whole = content[: error.start] if error.reason == "unexpected end of data" and error.start else b""
-        text = whole.decode("utf-8") if whole and not whole.isascii() else content.decode("latin-1")
+        text = whole.decode("utf-8") if whole and not whole.isascii() else windows_text(content)
     return text.strip(" \0\t\r\n")
 
 
@@ -241,7 +241,11 @@ def find_layout(file: C3dFile) -> FileLayout:
                 found.append(layout)
     if found[0] is None:
         return _unfinished(file, starts[0])
-    return found[0]
+    likeliest = found[0]
+    if likeliest.left <= BLOCK:
+        return likeliest
+    note = f"behind its {likeliest.frames} frames the file holds {likeliest.left} bytes more, which were passed over"
+    return replace(likeliest, notes=(*likeliest.notes, note))
 
 
 def _point_counts(file: C3dFile) -> list[int]:
@@ -285,13 +289,35 @@ def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout |
     size, (end, turns) = (4 * points + analog) * file.width, _turns(file, start)
     available = (end - start) // size
     stated = _stated_frames(file)
+    if max(stated)[0] == SIXTEEN_BITS < available and (more := _uncounted(file, start, end, points, size)):
+        stated.append((more, stated[0][1]))
     fitting = [one for one in stated if 1 <= one[0] <= available]
     if not fitting:
         return None
     frames, first = _likeliest(fitting, size, end - start)
     left, notes = end - start - frames * size, tuple(_notes(file, points, analog, frames, stated))
-    whole = end + 4 * turns * frames <= len(file.content)
-    return FileLayout(start, points, analog, frames, first, left, notes, (end, turns) if whole else (0, 0))
+    turned = end + 4 * turns * frames <= len(file.content)
+    return FileLayout(start, points, analog, frames, first, left, notes, (end, turns) if turned else (0, 0))
+
+
+def _uncounted(file: C3dFile, start: int, end: int, points: int, size: int) -> int:
+    """How many frames of `size` bytes fill a file that says 65535, the most that 16 bits can; 0 where that is in doubt.
+
+    Reals alone tell: of points the fourth is a whole number, and no frame is of one number, as what fills a file is.
+    """
+    last = file.content[end - BLOCK : end]
+    whole = -(-(end - start - len(last) + len(last.rstrip(b"\0"))) // size)
+    counted = file.whole("POINT:LONG_FRAMES") > 0 or len(file.numbers("TRIAL:ACTUAL_END_FIELD")) > 1
+    # ezc3d pads a file that needs no padding with a block.
+    if counted or file.scale > 0 or whole <= SIXTEEN_BITS or not 0 <= end - start - whole * size <= BLOCK:
+        return 0
+    for part in blocks(whole - SIXTEEN_BITS, size // 16):
+        begin, stop = (start + (SIXTEEN_BITS + at) * size for at in (part.start, part.stop))
+        reals = file.reals(file.content[begin:stop]).reshape(-1, size // 4)
+        fourth = reals[:, 3 : 4 * points : 4]
+        if not (fourth == np.rint(fourth)).all() or (reals.min(axis=1) == reals.max(axis=1)).any():
+            return 0
+    return whole
 
 
 def _likeliest(stated: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:
@@ -329,6 +355,8 @@ def _notes(file: C3dFile, points: int, analog: int, frames: int, stated: list[tu
         yield f"the file says in places that it has {' or '.join(others)} frames, but {frames} fill it and were read"
     if file.word(1) and points != file.word(1):
         yield f"the header says that there are {file.word(1)} points, but {points} fill the file and were read"
+    if min(file.scale, said := file.header_real(6)) > 0 and not np.isclose(said, file.scale):
+        yield f"the header says a scale of {said:g}, but the groups' {file.scale:g} was taken"
     if analog != file.word(2):
         yield (
             f"the header says that a frame has {file.word(2)} words of analog data, but {analog} fill the file "
@@ -345,7 +373,10 @@ def _unfinished(file: C3dFile, start: int) -> FileLayout:
     wanted = max((frames for frames, _ in stated), default=0)
     # What is cut off by a disk or a network ends with a block, where frames of a fitting size would end too.
     if length % size or length < size or len(file.content) % BLOCK == 0:
-        raise InputError(f"has data for {length // size} of {wanted} frames; expected a whole C3D file", file.path)
+        words = (
+            f"has data for {length // size} of {wanted} frames" if wanted > 0 else "says nowhere how many frames it has"
+        )
+        raise InputError(f"{words}; expected a whole C3D file", file.path)
     frames = length // size
     note = f"the file says that it has {wanted} frames, but ends with the end of frame {frames}: those were read"
     return FileLayout(start, points, analog, frames, stated[0][1] if stated else 1, 0, (note,))

@@ -29,6 +29,8 @@ WHOLE_STEP = 0.01  # of a step; format: numbers of 32 bits, as Blender keeps pla
 MAX_POINTS = 64 * 255
 MAX_MASK = 127  # of the cameras that saw a sample, beside the sign
 MAX_NAME_BYTES = 255  # bytes
+MAX_EVENTS = 255  # format: a byte says how many
+MAX_EVENT_BYTES = 2**15 // MAX_EVENTS  # of a name: readers take the length of a parameter as signed
 MAX_KEY_LETTERS = 127  # letters of a parameter's name; format
 LAST_NUMBER = 2**32 - 1  # of a frame
 LAST_TURNS_START = (65535 - 257) * BLOCK  # bytes of points; format: rotations begin at a block with a number of 16 bits
@@ -43,13 +45,17 @@ def names_in_c3d(labels: Sequence[str]) -> list[str]:
     """The names as a C3D file can hold them: up to 255 bytes, without control characters, no two become the same."""
     fitted, used = [], set(labels)
     for label in labels:
-        plain = "".join("_" if unicodedata.category(sign) in ("Cc", "Cs") else sign for sign in label)
+        plain = _plain(label)
         name, number = _cut(plain, MAX_NAME_BYTES), 2
         while name != label and name in used:
             name, number = f"{_cut(plain, MAX_NAME_BYTES - 8)}~{number}", number + 1
         used.add(name)
         fitted.append(name)
     return fitted
+
+
+def _plain(text: str) -> str:
+    return "".join("_" if unicodedata.category(sign) in ("Cc", "Cs") else sign for sign in text)
 
 
 def _cut(text: str, width: int) -> str:
@@ -66,7 +72,7 @@ def write_c3d_file(
     first_frame: int,
     trial: TrialFile | TextHead | None = None,
     subjects: Sequence[str] = (),
-):
+) -> list[str]:
     """Writes points as Intel reals, z up, in mm; missing samples are NaN with residual -1.
 
     xyz (T, P, 3) m; residual (T, P) m, 0 where a sample was filled, NaN where unknown. They may be on disk (np.memmap),
@@ -74,7 +80,7 @@ def write_c3d_file(
     as `names_in_c3d` and `first_number` tell.
     All else of the `trial` that they come from goes with them, a C3D file or a text's head: of a C3D file they are in
     its unit, axes and scale, as whole numbers where it has such and these can hold them, with 0 0 0 for what is
-    missing. `subjects` are those whose names stand before markers.
+    missing. `subjects` are those whose names stand before markers. Gives what there was no room for, in sentences.
     Raises InputError where the file cannot hold the take, and where the trial's is not as it was.
     """
     frames, count = xyz.shape[:2]
@@ -91,6 +97,11 @@ def write_c3d_file(
             ours |= _of_head(trial)
         if subjects and not (kept and kept.knows(subjects)):
             ours |= _subjects(subjects)
+        events, notes = trial.events if isinstance(trial, TextHead) else (), []
+        if some := _events(ours, events[:MAX_EVENTS], rate):
+            ours |= some
+        if left := len(events) - (min(len(events), MAX_EVENTS) if some else 0):
+            notes = [f"the C3D file has no room for {left} of {len(events)} events, which were left out"]
         analog, gap, samples = (kept.trial.layout.analog, kept.file.word(5), kept.samples) if kept else (0, 0, 0)
         size = (4 * len(labels) + analog) * (4 if units.scale < 0 else 2)
         turned = kept is not None and kept.trial.layout.turns[1] > 0 and frames * size < LAST_TURNS_START
@@ -129,6 +140,7 @@ def write_c3d_file(
                 reals = kept.trial.layout.turns[1]
                 file.writelines(map(kept.turns, blocks(frames, reals)))
                 file.write(bytes(-4 * frames * reals % BLOCK))
+    return notes
 
 
 @dataclass(frozen=True)
@@ -258,6 +270,24 @@ def _of_head(head: TextHead) -> Parameters:
         rate = 0.0
     known = {"TRIAL:CAMERA_RATE": _real(rate)} if MIN_RATE_HZ <= rate <= MAX_RATE_HZ else {}
     return known | {key: _table(names_in_c3d([text])) for key, text in said.items()}
+
+
+def _events(ours: Parameters, events: Sequence[tuple[str, float]], rate: float) -> Parameters:
+    """Events of a text file, each a name and a frame, as C3D files have them; none where `ours` leave no room."""
+    if not events:
+        return {}
+    times = [part for _, frame in events for part in divmod((frame - 1) / rate, 60)]  # minutes and seconds
+    found = {
+        "EVENT:USED": _words(len(events)),
+        "EVENT:CONTEXTS": _table([""] * len(events)),
+        "EVENT:LABELS": _table([_cut(_plain(name), MAX_EVENT_BYTES) for name, _ in events]),
+        "EVENT:TIMES": (4, (2, len(events)), struct.pack(f"<{len(times)}f", *times)),
+    }
+    try:
+        _parameters(ours | found, None, 0)
+    except InputError:
+        return {}
+    return found
 
 
 def _subjects(names: Sequence[str]) -> Parameters:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.pipelines import known_sets
-from addon.core.pipelines.known_sets import set_worn
+from addon.core.pipelines.known_sets import model_worn, set_worn
 from addon.core.points.refusals import UnsuitedError
 from addon.core.simulation.virtual import draw_person
 from addon.io.markersets import builtin_markersets
@@ -60,8 +61,9 @@ def test_a_set_that_would_be_refused_makes_another_unsure(monkeypatch):
             raise UnsuitedError("is of none")
 
     monkeypatch.setattr(known_sets, "refuse_solved", refuse)
-    worn, likely = finished(set_worn(standing(drawn("body39")), KNOWN))
-    assert worn is None and [one.markerset.name for one in likely] == ["actor41"]
+    words = "looks like a take of actor41, but not surely; expected the one that is worn, by --model actor41"
+    with pytest.raises(JobError, match=words):
+        finished(model_worn(standing(drawn("body39")), None, {model: model.markerset.name for model in KNOWN}))
 
 
 @pytest.mark.parametrize(("name", "lacks"), [("body39", 8), ("actor53", 6)])
