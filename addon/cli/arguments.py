@@ -69,13 +69,13 @@ class Takes(argparse.Action):
     """Takes, and what `*` and `?` in their names stand for where the shell leaves that to programs, as on Windows."""
 
     def __call__(self, _parser, namespace, values, _flag=None):
-        """Adds them to those before; what stands for nothing stays as it is, to be told of."""
+        """Adds them to those before, each once; what stands for nothing stays as it is, to be told of."""
         found = list(getattr(namespace, self.dest) or [])
         for path in values:
             pattern, is_there = str(path).replace("[", "[[]"), os.path.lexists(path)  # [ is no wildcard there
             many = [] if is_there else sorted(glob(pattern))  # noqa: PTH207 - as shells do, without hidden files
             found += map(Path, many or [path])
-        setattr(namespace, self.dest, found)
+        setattr(namespace, self.dest, list(dict.fromkeys(found)))
 
 
 # What several verbs take, each under the same name and with the same words.

@@ -136,8 +136,7 @@ class LiveFile(TrajectoryFile):
         self.add(Reconstructed(frames, frame, which, points, nothing, np.zeros((len(points), 0)), 0.0))
 
     def take(self, first_frame: int) -> Points:
-        """The whole take, its first frame called so."""
-        self.put()
+        """The whole take as far as it is written, its first frame called so."""
         points = self.points()
         names = (*self.names, *[""] * (len(points.names) - len(self.names)))
         return replace(points, names=names, first_frame=first_frame)
@@ -166,22 +165,13 @@ def name_stream(
     worn = job.worn
     if job.out is not None and job.out.suffix.lower() != ".c3d":
         raise InputError("is no file of 3D points; expected a name that ends in .c3d", job.out)
-    trouble: Exception | None = None
     with ExitStack() as stack:
         target = stack.enter_context(whole_file(job.out, job.overwrite)) if job.out else None
         folder = stack.enter_context(scratch_folder()) if job.out else None
         stream = stack.enter_context(open_stream(job.source, job.up or "", job.wait, job.anywhere))
         live = _Live(job, stream, beside, worn, folder, stack, recording)
-        try:
-            for frame in stream:
-                if (line := live.line(frame)) is not None:
-                    tell(line)
-                live.ask()
-                if stopped():
-                    break
-        except (UserError, OSError) as error:
-            trouble = error
-        if live.file is not None and target is not None:
+        trouble = live.run(tell, stopped)
+        if target is not None and live.file is not None and live.file.counts:
             names = [one.name for one in worn.subjects] if job.several else []
             write_c3d(target, live.file.take(live.first), subjects=names)
         elif trouble is not None:
@@ -247,6 +237,25 @@ class _Live:
         self.posed = list(map(_PosedSubject, worn.subjects, worn.firsts))
         self.asked: Window | None = None  # the last one, and what came of the last that was solved
         self.heard: WindowNames | None = None
+
+    def run(self, tell: Callable[[dict], None], stopped: Callable[[], bool]) -> Exception | None:
+        """Names and keeps frames until they end, or somebody has `stopped` it; gives the trouble that they end in."""
+        trouble: Exception | None = None
+        try:
+            for frame in self.stream:
+                if (line := self.line(frame)) is not None:
+                    tell(line)
+                self.ask()
+                if stopped():
+                    break
+        except (UserError, OSError) as error:
+            trouble = error
+        try:
+            if self.file is not None:
+                self.file.put()
+        except UserError as error:
+            trouble = trouble or error
+        return trouble
 
     def line(self, frame: StreamFrame) -> dict | None:
         """What a frame comes to; None where the next is there already, which is told instead."""

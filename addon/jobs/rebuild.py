@@ -48,10 +48,10 @@ class TrajectoryFile(RowFile):
         """Adds the frames of the next chunk."""
         if not self.counts:
             self.first_frame = int(part.frames[0])
-        self.spans.note(part.trajectory, len(self.counts) + part.frame)
         rows = np.empty(len(part.points), ROW)
         rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
         self.append(rows)
+        self.spans.note(part.trajectory, len(self.counts) + part.frame)
         self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
 
     def points(self) -> Points:
@@ -79,7 +79,8 @@ class TrajectoryFile(RowFile):
         """(K,) columns of trajectories (K,) that share them REST_S apart, or less where there would be over `most`."""
         first, last = self.spans.table[kept, 1:].T
         rest = round(REST_S * self.rate)
-        while (column := Lanes.packed(first, last + rest).lane).max(initial=-1) >= most and rest:
+        many = len(kept) > most
+        while (column := Lanes.packed(first, last + rest, always=many).lane).max(initial=-1) >= most and rest:
             rest //= 2
         return column
 

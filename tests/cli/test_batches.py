@@ -90,12 +90,28 @@ def test_files_that_are_no_takes_do_not_stop_the_others(run, room, takes, tmp_pa
     assert {take["take"] for take in said["failed"]} == {"two", "none", "gone"}
 
 
-def test_a_take_that_another_batch_does_meanwhile_is_done(label, takes, monkeypatch, tmp_path):
-    out, whole = tmp_path / "out", jobs.label_file
-    label(*FEW, blobs=takes[:1])
+@pytest.mark.parametrize("broken", ["walk.labels.csv", "summary.report.html"])
+def test_a_file_that_is_no_take_is_not_replaced(run, room, tmp_path, broken):
+    out, take = tmp_path / "out", Path(shutil.copy(room.c3d, tmp_path / "walk.c3d"))
+    out.mkdir()
+    (out / broken).write_text("hello")
+    answer = run("label", take, out / broken, "--model", MODEL, "--out", out, "--overwrite", "--summary")
+    assert f"{broken}: is read and would be written over" in answer.refusal(2)
+    assert [path.read_text() for path in out.iterdir()] == ["hello"]
+
+
+def test_a_take_that_is_given_twice_is_labelled_once(label, takes):
+    said = label(*FEW, blobs=[takes[0], takes[0].with_name("*.csv")]).done()
+    assert [line.partition(":")[0] for line in said.out.splitlines()] == ["one", "three", "two"]
+
+
+def test_takes_that_another_batch_does_meanwhile_are_done(label, takes, monkeypatch, tmp_path):
+    out, whole, begun = tmp_path / "out", jobs.label_file, []
+    label(*FEW, blobs=takes[:2])
     done = {path: path.read_bytes() for path in out.iterdir()}
 
     def label_file(job):
+        begun.append(job.source.stem)
         work = whole(job)
         yield next(work)
         for path, content in done.items():
@@ -104,8 +120,8 @@ def test_a_take_that_another_batch_does_meanwhile_is_done(label, takes, monkeypa
 
     shutil.rmtree(out)
     monkeypatch.setattr(jobs, "label_file", label_file)
-    said = label(*FEW, "--resume", blobs=takes[:1])
-    assert (said.status, said.err) == (0, "") and said.out.endswith(", done before\n")
+    said = label(*FEW, "--resume", blobs=takes[:2])
+    assert (said.status, said.err, begun) == (0, "", ["one"]) and said.out.count(", done before\n") == 2
 
 
 def test_who_stops_a_batch_stops_it(label, takes, poisoned):

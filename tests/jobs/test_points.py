@@ -256,14 +256,15 @@ def test_many_trajectories_share_columns_when_they_are_far_apart_in_time(tmp_pat
 
 
 @pytest.mark.parametrize("live", [False, True])
-def test_columns_that_no_file_could_hold_stand_nearer_to_each_other(tmp_path, monkeypatch, live):
+@pytest.mark.parametrize("sizes", [[10] * 40, [45, 40]])
+def test_columns_that_no_file_could_hold_stand_nearer_to_each_other(tmp_path, monkeypatch, live, sizes):
     for module in (rebuild, live_file):
         monkeypatch.setattr(module, "MAX_POINTS", 50)
     monkeypatch.setattr(rebuild, "MAX_COLUMNS", 3)
-    spans = {10 * frame + number: [4 * frame + one for one in range(4)] for frame in range(40) for number in range(10)}
+    spans = dict(enumerate(range(4 * at, 4 * at + 4) for at, size in enumerate(sizes) for _ in range(size)))
     with live_file.LiveFile(tmp_path, 100.0, ()) if live else TrajectoryFile(tmp_path, 100.0) as file:
         monkeypatch.setattr(file.spans, "lasting", lambda _: np.arange(len(spans)))
-        file.add(part(0, 160, spans))
+        file.add(part(0, 4 * len(sizes), spans))
         points = file.points()
     assert points.xyz.shape[1] <= 50
     assert np.isfinite(points.xyz[:][..., 0]).sum() == sum(map(len, spans.values()))

@@ -212,7 +212,7 @@ def check(arguments) -> set[bool]:
     summary = summary_of(arguments)
     pages = [] if summary is None else summary.written
     written = [path for take in takes for path in take.written]
-    keep_apart({path for take in takes for path in take.read}, written + pages)
+    keep_apart({*arguments.inputs, *(path for take in takes for path in take.read)}, written + pages)
     if summary is not None:
         summary.check(arguments.overwrite, arguments.resume)
     check_models(arguments)

@@ -91,16 +91,16 @@ class Batch:
         self.passed: set[Path] = set()
         self.progress = ProgressLine(arguments.progress)
 
-    def attempt(self, work: Callable[[Path], Result], path: Path) -> Result | UserError:
+    def attempt(self, work: Callable[[], Result], path: Path) -> Result | UserError:
         """What comes of a take, or why nothing does: whatever happens to one, the others have their turn."""
         try:
-            return work(path)
+            return work()
         except Exception as error:  # noqa: BLE001 - every take is its own
             return of_take(error, path, self.arguments.traceback)
 
     def earlier(self, job: LabelJob) -> Answer | None:
         """What an earlier run made of a take, where that is gone on with, or why it cannot be; else None."""
-        return self.attempt(lambda _: _earlier(job), job.source) if self.arguments.resume else None
+        return self.attempt(partial(_earlier, job), job.source) if self.arguments.resume else None
 
     def settled(self, job: LabelJob, answer: Answer) -> tuple[Path, Answer, str]:
         """What came of a take that was worked on, and its state: another batch may have done it meanwhile."""
@@ -225,26 +225,34 @@ def _answers(batch: Batch, runner: Runner | None) -> Iterator[tuple[Path, Answer
     if arguments.resume:
         finish_renaming(arguments.out)
     for path in arguments.inputs:
-        job = batch.attempt(partial(as_job, arguments), path)
+        job = batch.attempt(partial(as_job, arguments, path), path)
         if isinstance(job, UserError):
             yield path, job, LABELLED
         elif (earlier := batch.earlier(job)) is not None:
             yield path, earlier, DONE_BEFORE
         else:
             left.append(job)
-    if runner is not None:
+    if left and runner is not None:
         with closing(runner(left)) as answers:
             for done, (number, answer) in enumerate(answers, 1):
                 batch.progress.tell(f"{done} of {len(left)} takes", at_once=True)
                 yield batch.settled(left[number], answer)
-        return
+    elif left:
+        yield from _in_turn(batch, left)
+
+
+def _in_turn(batch: Batch, takes: Sequence[LabelJob]) -> Iterator[tuple[Path, Answer, str]]:
+    """The same of takes one after the other, each unless another run has done it by then."""
     load_labelling()
 
-    def label(path: Path) -> dict:
-        return batch.progress.drain(jobs.label_file(as_job(arguments, path)), path.stem).report
+    def label(job: LabelJob) -> dict:
+        return batch.progress.drain(jobs.label_file(job), job.source.stem).report
 
-    for job in left:
-        yield batch.settled(job, batch.attempt(label, job.source))
+    for job in takes:
+        if (earlier := batch.earlier(job)) is not None:
+            yield job.source, earlier, DONE_BEFORE
+        else:
+            yield batch.settled(job, batch.attempt(partial(label, job), job.source))
 
 
 def _watch(arguments) -> int:

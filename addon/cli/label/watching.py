@@ -40,7 +40,7 @@ class Watch:
             path = self._next()
             if path is not None:
                 self._last = now
-                job = self.batch.attempt(partial(as_job, self.arguments), path)
+                job = self.batch.attempt(partial(as_job, self.arguments, path), path)
                 if isinstance(job, UserError):
                     self._finish(path, job, LABELLED)
                 elif (earlier := self.batch.earlier(job)) is not None:

@@ -43,11 +43,11 @@ class Lanes:
         return cls(np.arange(count), np.zeros(count, int), np.full(count, frames - 1))
 
     @classmethod
-    def packed(cls, first: np.ndarray, last: np.ndarray) -> Self:
+    def packed(cls, first: np.ndarray, last: np.ndarray, always: bool = False) -> Self:
         """As few lanes as there are trajectories at a time, by their first and last frames (P,).
 
         Lanes stand in the order of their earliest trajectories in the file. Where they are not half as many as the
-        trajectories, each trajectory has a lane of its own, in the order of the file.
+        trajectories, each trajectory has a lane of its own, in the order of the file, unless they `always` share.
         """
         lane, count = np.zeros(len(first), int), 0
         free: list[int] = []
@@ -61,7 +61,7 @@ class Lanes:
                 count += 1
             lane[one] = heappop(free)
             heappush(busy, (int(last[one]), int(lane[one])))
-        if 2 * count > len(first):
+        if 2 * count > len(first) and not always:
             return cls(np.arange(len(first)), first, last)
         _, begin = np.unique(lane[there], return_index=True)
         place = np.empty(count, int)
