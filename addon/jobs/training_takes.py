@@ -214,7 +214,7 @@ def chosen_markers(
             )
     else:
         shown = set.intersection(*({name for name in take.names if _has(take, name)} for take in takes))
-        common = set.intersection(*({name for name in take.names if name in shown or name in known} for take in takes))
+        common = shown | {*known}
         common = common if len(common - shown) <= WORN.max_absent * len(common) else shown
         markers = tuple(name for name in takes[0].names if name in common)
         if len(markers) < POSING.min_markers <= min(len(take.names) for take in takes):

@@ -110,7 +110,8 @@ def choose_job(settings: SceneSettings, job: LabelJob, ends: tuple[int, int]):
     """
     source, subjects, labelling, file = settings.source, settings.subjects, settings.labelling, str(job.source)
     source.points_path, source.blobs_path = (file, "") if job.use == USE_POINTS else ("", file)
-    source.up, source.up_found, source.blob_count, source.trajectories = job.up or "", UP_ITEMS[0][1], 0, 0
+    source.up, source.up_found = job.up or "", UP_ITEMS[0][1]
+    source.blob_count = source.trajectories = source.named = 0
     source.mirror, source.forced, source.rate = job.mirror, job.force, job.rate or source.rate
     source.first_frame, source.last_frame, source.at_1 = *ends, False
     labelling.use_range, (labelling.range_first, labelling.range_last) = True, job.frames

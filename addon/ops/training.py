@@ -70,12 +70,6 @@ class MOCAP_AUTOLABEL_OT_remove_training_take(Ours, bpy.types.Operator):
         remove_chosen(context.scene.mocap_autolabel.training, "takes")
 
 
-lacks_names = unless(
-    lambda context: (source := context.scene.mocap_autolabel.source).points_path and source.named,
-    "Open a take of 3D points whose file names them",
-)
-
-
 class Trains(LongWork):
     """What the trainings share: the marker set is chosen, and what is doubted of its takes is said.
 
@@ -170,7 +164,12 @@ class MOCAP_AUTOLABEL_OT_learn_file(Trains, bpy.types.Operator):
     """Learn a marker set of your own from the names in the file that is open, save it and choose it."""
 
     bl_label = "Learn Its Markers"
-    needs = (lacks_names,)
+    needs = (
+        unless(
+            lambda context: (source := context.scene.mocap_autolabel.source).points_path and source.named,
+            "Open a take of 3D points whose file names them",
+        ),
+    )
 
     def job(self, context, settings) -> "TrainJob":
         from ..jobs.training_takes import KnownBetter

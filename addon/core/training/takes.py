@@ -10,6 +10,7 @@ from ..data.lanes import PACKING
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..data.wording import listed
+from ..geometry.rigid import pairwise_distances
 from ..points.likelihood.learn import LEARN
 from ..points.models import TrainingTake, by_subject
 from ..points.refusals import REFUSAL
@@ -133,7 +134,7 @@ def _far_off(points: np.ndarray) -> np.ndarray:
     size = points.shape[1]
     nearest, widest = np.full((size, size), np.inf), np.zeros((size, size))
     for frame in points[evenly_spread(len(points), PACKING.spread_out)]:
-        apart = np.linalg.norm(frame[:, None] - frame, axis=2)
+        apart = pairwise_distances(frame)
         nearest, widest = np.fmin(nearest, apart), np.fmax(widest, apart)
     np.fill_diagonal(nearest, np.inf)
     others = (np.delete(np.delete(widest, marker, 0), marker, 1).max(initial=REFUSAL.gap_m) for marker in range(size))
