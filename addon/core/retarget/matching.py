@@ -174,8 +174,8 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 def match_names(bones: RestBones) -> dict[str, int]:
     """The parts that the words in the names of bones say: of several the control that moves others, or the surest name.
 
-    A volume in one is the last choice. What is in the middle of a skirt is no finger. Toes that are apart have no bone
-    for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
+    A volume in one is the last choice. What is in the middle of a skirt, or at a foot, is no finger. Toes that are
+    apart have no bone for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
     """
     ends = [name for at, name in enumerate(bones.names) if not bones.below(at)]
     poles = {name for name in ends if _words(name)[0][-1:] in (["knee"], ["elbow"])}
@@ -188,7 +188,8 @@ def match_names(bones: RestBones) -> dict[str, int]:
         above = bones.above(at)[1:]
         beside = [one for parent in above[:1] for one in bones.below(parent) if one != at]
         near = {read[bones.names[one]][0] for one in (*above, *beside) if bones.names[one] in read}
-        if "mid" in words and part.startswith("middle") and f"hand{part[-2:]}" not in near:
+        in_skirt = "mid" in words and f"hand{part[-2:]}" not in near
+        if part in FINGER_PARTS and (in_skirt or f"foot{part[-2:]}" in near):
             continue
         volume = part in near and not bones.below(at)
         found[part].append((bones.held and "fk" not in words, volume, rank, len(words), len(above), at))
