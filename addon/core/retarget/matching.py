@@ -135,7 +135,7 @@ def match_bones(bones: RestBones) -> dict[str, str]:
         found = match_form(bones)
     else:
         found |= _lacking(bones, found)
-    found = _with_trunk(bones, found)
+    found = _with_sides(bones, _with_trunk(bones, found))
     named = {part: bones.names[found[part]] for part in PARTS if part in found}
     return {part: name for part, name in named.items() if not name.startswith(NO_CONTROLS)}
 
@@ -249,6 +249,20 @@ def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
         if f"shoulder.{side}" not in found and chest in way[2:]:
             found[f"shoulder.{side}"] = way[way.index(chest) - 1]
     return _with_neck(bones, found, chest, arms)
+
+
+def _with_sides(bones: RestBones, found: Mapping[str, int]) -> Mapping[str, int]:
+    """The same with the sides exchanged where toes are behind the feet: names then are as who looks at it sees them."""
+    ends = [[found.get(f"{part}.{side}") for side in BODY_SIDES] for part in ("thigh", "foot", "toes")]
+    if any(None in pair for pair in ends):
+        return found
+    thighs, feet, toes = bones.heads[np.array(ends)]
+    back = np.cross((thighs - feet).mean(axis=0), thighs[0] - thighs[1])
+    if not ((toes - feet) @ back > 0).all():
+        return found
+    other = dict(zip(BODY_SIDES, BODY_SIDES[::-1], strict=True))
+    names = {part: part.partition(".") for part in found}
+    return {f"{name}{dot}{other.get(side, side)}": found[part] for part, (name, dot, side) in names.items()}
 
 
 def _with_neck(bones: RestBones, found: dict[str, int], chest: int, arms: list[int]) -> dict[str, int]:

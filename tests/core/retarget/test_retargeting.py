@@ -342,6 +342,12 @@ def test_left_is_told_by_the_feet_where_names_say_nothing():
         assert match_bones(at_rest(NAMELESS, turn=turn)) == without_between(NAMELESS)
 
 
+def test_sides_that_are_named_as_who_looks_at_a_rig_sees_them_are_exchanged():
+    own, mirrored = without_between(UNREAL), np.diag([-1.0, 1, 1])
+    other = {part: own[f"{part[:-1]}{'LR'[part[-1] == 'L']}" if "." in part else part] for part in own}
+    assert match_bones(at_rest(UNREAL, turn=mirrored)) == other
+
+
 @pytest.mark.parametrize("gone", ["hand", "forearm hand", "shoulder"])
 def test_arms_of_too_few_bones_are_left_out_but_not_for_a_shoulder(gone):
     """Which is where the upper arm begins."""
