@@ -390,7 +390,6 @@ def test_bones_that_help_others_are_passed_over():
         ("ik_hand_l", "hips", (0.74, 0, 1.45)),
         ("thumb_01_l", "hand.L", (0.78, 0, 1.4)),
         ("DEF-thigh_l", "hips", (0.1, 0, 0.9)),
-        ("skirt_mid_r", "hips", (-0.1, 0, 0.7)),
         ("foot_thumb_01_l", "foot.L", (0.1, -0.2, 0.02)),
         ("lMid1", "hand.L", (0.8, 0, 1.4)),
     ]
@@ -539,6 +538,7 @@ def test_what_is_no_person_matches_nothing():
         ("leftUpperLeg", "thigh.L"),
         ("DEF-upper_arm.L.001", "upper_arm.L"),
         ("LoLeg_R", "shank.R"),
+        ("Fist.L", "hand.L"),
         ("RForeArm", "forearm.R"),
         ("Skeleton_LUArm", "upper_arm.L"),
         ("RFArm", "forearm.R"),
