@@ -53,8 +53,12 @@ def axes_at_rest(places: Mapping[str, np.ndarray]) -> np.ndarray:
     way = hips - (places["shank.L"] + places["shank.R"]) / 2
     up = np.eye(3)[int(np.argmax(np.abs(way)))]
     up = up * np.sign(way @ up)
-    left = places["thigh.L"] - places["thigh.R"]
-    left = left - up * (left @ up)
+    pairs = [[places.get(f"{part}.{side}") for side in BODY_SIDES] for part in ("thigh", "foot", "upper_arm")]
+    lines = [one - other for one, other in pairs if one is not None and other is not None]
+    level = min(lines, key=lambda line: abs(line @ up) / np.linalg.norm(line))  # where all lean, the rig does
+    up = up - level * (level @ up) / (level @ level)
+    up /= np.linalg.norm(up)
+    left = lines[0] - up * (lines[0] @ up)
     left /= np.linalg.norm(left)
     return np.column_stack([left, np.cross(up, left), up])
 

@@ -257,8 +257,13 @@ def test_a_foot_is_planted_where_it_is_low_and_still():
 def test_axes_of_a_rig_are_those_it_has_at_rest():
     turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     one = rig()
-    axes = axes_at_rest({part: turn @ one.heads[index] for part, index in one.at.items()})
-    np.testing.assert_allclose(axes, turn, atol=1e-12)
+    for leaning in (0.0, 0.2):  # all of it to the side
+        turned = turn @ exponential(np.array([[0, leaning, 0]]))[0][0]
+        axes = axes_at_rest({part: turned @ one.heads[index] for part, index in one.at.items()})
+        np.testing.assert_allclose(axes, turned, atol=1e-12)
+    uneven = {part: one.heads[index] for part, index in one.at.items()}
+    uneven["thigh.L"] = uneven["thigh.L"] + (0, 0, 0.05)  # a hip alone
+    np.testing.assert_allclose(axes_at_rest(uneven)[2, 2], 1, atol=1e-12)
 
 
 AS_IT_IS = np.eye(3)
