@@ -97,10 +97,8 @@ def retarget(
     scale, floor, lift = _fitted(rig, body)
     ground = _ground(body, rig.legs, rate) if feet else 0.0
     lift -= scale * ground
-    begin, known = (
-        scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS,
-        (scale, floor, ground, rate),
-    )
+    known = scale, floor, ground, rate
+    begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = begin - turns[:, at["hips"]] @ middle
     if feet and len(rig.legs) > 1:
@@ -276,17 +274,19 @@ def _ground(body: BodyInMotion, legs: list[str], rate: float) -> float:
 def _with_legs(
     rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, float, float]
 ) -> np.ndarray:
-    """(F, 3, 3) how the hips turn with both legs, by as much as they are wider than the body's.
+    """(F, 3, 3), or one of all, how the hips turn with both legs, by as much as they are wider than the body's.
 
     Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's.
     """
-    line = np.subtract(*(place_of(rig, *posed, rig.at[f"thigh.{side}"]) for side in BODY_SIDES))
-    missed = []
+    thighs = [rig.at[f"thigh.{side}"] for side in BODY_SIDES]
+    own = known[0] * np.linalg.norm(body.rest("thigh.L") - body.rest("thigh.R"))
+    wider = 1 - own / np.linalg.norm(np.subtract(*rig.heads[thighs]))
+    if wider <= 0:
+        return np.eye(3)
+    line, missed = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs)), []
     for side in BODY_SIDES:
         rows, ankle, _ = _standing(rig, body, side, posed, known)
         missed.append(_between(rows, ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows], len(line)))
-    own = known[0] * np.linalg.norm(body.rest("thigh.L") - body.rest("thigh.R"))
-    wider = max(1 - own / np.linalg.norm(line[0]), 0)
     return least_turn(line, line + wider * (missed[0] - missed[1]))
 
 
@@ -355,9 +355,10 @@ def _rolled(turn: np.ndarray, way: np.ndarray, ankle: np.ndarray, far: np.ndarra
     """
     axis, along, lifted = turn @ LEFTWARDS, turn @ way, np.clip(turn[:, 2, 1], 0, 1)
     ball, still = ankle + along, axis * (axis * along).sum(axis=1)[:, None]
-    one, other = ((ball * part).sum(axis=1) for part in (along - still, np.cross(axis, along)))
+    one, other = ((ball * across).sum(axis=1) for across in (along - still, np.cross(axis, along)))
     wanted = ((ball**2).sum(axis=1) + way @ way - far**2) / 2 - (ball * still).sum(axis=1)
-    angles = np.arctan2(other, one) + np.outer((-1, 1), np.arccos(np.clip(wanted / np.hypot(one, other), -1, 1)))
+    part = np.clip(wanted / np.maximum(np.hypot(one, other), NO_TURN), -1, 1)
+    angles = np.arctan2(other, one) + np.outer((-1, 1), np.arccos(part))
     angles = (angles + np.pi) % (2 * np.pi) - np.pi
     angle = np.where(np.abs(angles[0]) < np.abs(angles[1]), *angles)
     most = np.arcsin(lifted)
@@ -371,6 +372,8 @@ def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, flo
     """Changes the turns of toes, which may be longer than the body's, so that they are not in the floor, so high m."""
     foot, toes = (rig.at[f"{part}.{side}"] for part in ("foot", "toes"))
     carrying, ahead = turns[:, [foot]], (rig.heads[toes] - rig.heads[foot]) * (1, 1, 0)
+    if not ahead.any():  # begins at, or right under, the ankle
+        return
     way = ahead * np.linalg.norm(rig.tails[toes] - rig.heads[toes]) / np.linalg.norm(ahead)
     height = place_of(rig, turns, hips, toes)[:, 2:] - rig.heads[toes, 2] + floor
     turns[:, [toes]] = carrying @ toes_bent(

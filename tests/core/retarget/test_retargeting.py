@@ -135,6 +135,15 @@ def test_a_foot_of_another_form_rolls_on_its_ball_and_leaves_the_knee_as_it_is(s
     assert np.ptp(balls[1][:, :2], axis=0).max() < 0.003 < np.ptp(balls[0][:, :2], axis=0).max()
 
 
+def test_a_foot_that_ends_where_it_begins_and_one_that_is_never_planted_are_turned(squats):
+    one, (character, (joints, turns)) = rig(), on_tiptoe(squats)
+    for side in "LR":
+        one.heads[one.at[f"toes.{side}"]] = one.heads[one.at[f"foot.{side}"]]
+    away = np.arange(120)[:, None, None] * [0.1, 0, 0]
+    for there in (joints, joints + away):
+        assert all(np.isfinite(found).all() for found in retarget(character, (there, turns), RATE, one, True, False))
+
+
 def test_hips_that_are_wider_turn_less_so_that_planted_feet_do_not_bend_legs(squats):
     character, (joints, turns) = squats
     at = dict(zip(character.names, character.segment, strict=True))
