@@ -55,8 +55,8 @@ def _tried_side_by_side(works: Sequence[TrialWork], jobs: int) -> Iterator[Trial
                 given += 1
 
 
-DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, .tsv, Motive .csv) of people, animals or props: its
-markers, a skeleton and a body, and what names them in takes without names. One take is enough to begin with, or a
+DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, .tsv, Motive or Vicon .csv) of people, animals or props:
+its markers, a skeleton and a body, and what names them in takes without names. One take is enough to begin with, or a
 single labelled frame; more takes of more subjects make it better. The model keeps some frames of every take, so that
 --from MODEL trains it on with others."""
 

@@ -21,11 +21,11 @@ from .c3d.writing import write_c3d_file
 from .qtm.capture import USE_POINTS, held_in, is_qtm
 from .qtm.records import read_qtm_points
 from .samples import PointFile, TextHead, packed
-from .textpoints import is_motive, read_motive, read_trc, read_tsv, write_trc_file
+from .textpoints import is_csv_of_points, read_csv, read_trc, read_tsv, write_trc_file
 from .world import UNITS, Upright, find_up, guess_unit, turns_from, up_rotation
 
-EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv, Qualisys .tsv or .qtm"
-TEXT_READERS = {".trc": read_trc, ".tsv": read_tsv, ".csv": read_motive}
+EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive or Vicon .csv, Qualisys .tsv or .qtm"
+TEXT_READERS = {".trc": read_trc, ".tsv": read_tsv, ".csv": read_csv}
 
 # How the points of a file are kept; memory.
 # of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
@@ -59,7 +59,7 @@ class FilePoints(Points):
 
 
 def holds_points(path: Path, use: str | None = None) -> bool:
-    """Whether a file is a take of 3D points and not of blobs, known by its suffix and a `.csv` by its first line.
+    """Whether a file is a take of 3D points and not of blobs, known by its suffix and a `.csv` by its first words.
 
     A `.qtm` may hold both: then `use`, "blobs" or "points", says which are meant; without it, these are blobs where
     their cameras are calibrated. InputError where a file does not hold what is meant.
@@ -67,7 +67,7 @@ def holds_points(path: Path, use: str | None = None) -> bool:
     if is_qtm(path):
         return held_in(path).choice(use, path) == USE_POINTS
     suffix = Path(path).suffix.lower()
-    points = suffix in (".c3d", ".trc", ".tsv") or (suffix == ".csv" and is_motive(path))
+    points = suffix in (".c3d", ".trc", ".tsv") or (suffix == ".csv" and is_csv_of_points(path))
     if use is not None and points != (use == USE_POINTS):
         raise InputError(f"holds {'3D points' if points else 'blobs'}; expected a take of {use}, or no --use", path)
     return points

@@ -75,7 +75,7 @@ def read_header(head: bytes, path: Path) -> tuple[Header, int]:
     """The columns and the offset of the first row, from the beginning of the file."""
     expected = (
         "expected a blob file with the header frame,camera,x,y and optionally area, or a take of 3D points: .c3d, "
-        ".trc, Motive .csv or Qualisys .tsv"
+        ".trc, Motive or Vicon .csv, or Qualisys .tsv"
     )
     if not head:
         raise InputError(f"is empty; {expected}", path)

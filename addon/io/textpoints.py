@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes of points that are written as text: Motion Analysis' TRC, OptiTrack Motive's CSV and Qualisys' TSV."""
+"""Takes of points that are written as text: Motion Analysis' TRC, Motive's and Vicon's CSV, and Qualisys' TSV."""
 
 import codecs
 import csv
@@ -305,12 +305,22 @@ OPENINGS = ("format version", "take name")
 MARKER_KINDS = ("marker", "unlabeled marker", "rigid body marker", "bone marker")
 
 
-def is_motive(path: Path) -> bool:
-    """Whether a file begins with Motive's settings, as its exports of points do and files of blobs do not."""
+def is_csv_of_points(path: Path) -> bool:
+    """Whether a file begins as Motive's and Vicon's exports of points do, and files of blobs do not."""
+    return _opening(path) in (*OPENINGS, *VICON_SECTIONS)
+
+
+def read_csv(path: Path, given: float | None = None) -> PointFile:
+    """Raises InputError with the line where the file is not as Motive, or Vicon, writes it."""
+    return (read_vicon if _opening(path) in VICON_SECTIONS else read_motive)(path, given)
+
+
+def _opening(path: Path) -> str:
+    """The first field of a CSV file, in small letters."""
     with open_binary(path) as file:
-        head = file.readline(4096)
-    first = head.lstrip(codecs.BOM_UTF8 + codecs.BOM_UTF16).replace(b"\0", b"").decode("latin-1").partition(",")[0]
-    return first.strip().strip('"').lower() in OPENINGS
+        head = file.read(4096)
+    text = head.lstrip(codecs.BOM_UTF8 + codecs.BOM_UTF16).replace(b"\0", b"").decode("latin-1")
+    return re.split(r"[,\r\n]", text.lstrip(', "\t\r\n'), maxsplit=1)[0].strip(' "').lower()
 
 
 def read_motive(path: Path, given: float | None = None) -> PointFile:
@@ -409,6 +419,33 @@ def _fields(line: str, path: Path, number: int, what: str = MOTIVE) -> list[str]
         return next(csv.reader([line]), [])
     except csv.Error:
         raise InputError(f"is not a row of a CSV file; expected {what}", path, number) from None
+
+
+VICON = "a Vicon .csv export of trajectories"
+
+# What an export may hold, one under the other, parted by empty lines.
+VICON_SECTIONS = ("trajectories", "devices", "joints", "segments", "model outputs", "events")
+
+
+def read_vicon(path: Path, given: float | None = None) -> PointFile:
+    """The trajectories of an export as text of Nexus; InputError with the line where it is not as Nexus writes it."""
+    lines = _lines(decode(read_bytes(path), path, VICON))
+    begin = next((at for at, line in enumerate(lines) if line.strip(', "\t').lower() == VICON_SECTIONS[0]), None)
+    if begin is None:
+        raise InputError(f"has no section {VICON_SECTIONS[0].title()}; expected {VICON}", path, 1)
+    start = begin + 5
+    end = next((at for at, line in enumerate(lines) if at > begin and not _is_row(line)), len(lines))
+    head = [_fields(line, path, at, VICON) for at, line in enumerate(lines[begin:start], begin + 1)]
+    head += [[]] * (5 - len(head))
+    rate = _rate_in_head("".join(head[1][:1]), "rate", path, begin + 2, given)
+    names, titles, units = head[2:]
+    # What moves has columns of its speed, too, whose names are the same.
+    columns = [at for at in range(2, len(titles) - 2) if titles[at : at + 3] == ["X", "Y", "Z"] and at < len(names)]
+    if not columns or any(len(units) <= at + 2 for at in columns):
+        raise InputError(f"has no columns X, Y, Z with names and units above; expected {VICON}", path, start)
+    rows = _rows(lines[:end], start, path)
+    labels = [names[at].strip() for at in columns]
+    return replace(text_file(rows, labels, columns, path, rate, units[columns[0]].strip()), usual="+Z")
 
 
 TSV = "a Qualisys .tsv export of 3D data"

@@ -138,7 +138,7 @@ class ReadsPoints:
 
 
 class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Operator):
-    """Choose a take of 3D points to label, C3D, TRC, Motive CSV, Qualisys TSV or QTM. Needs no cameras."""
+    """Choose a take of 3D points to label, C3D, TRC, Motive or Vicon CSV, Qualisys TSV or QTM. Needs no cameras."""
 
     bl_label = "Import 3D Points"
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})

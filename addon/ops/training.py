@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, Ours, ImportHelper, bpy.types.Operator):
-    """Choose labelled takes to learn from, C3D, TRC, Motive CSV, Qualisys TSV or QTM; one is enough to begin with."""
+    """Choose labelled takes to learn from, C3D, TRC, TSV, QTM, Motive or Vicon CSV; one is enough to begin."""
 
     bl_label = "Add Labelled Takes"
 

@@ -151,6 +151,18 @@ def walk(frames: int = 6, points: int = 4, rate: float = 120.0, first: int = 33)
     return Points(names, xyz, np.where(np.isnan(xyz[..., 0]), np.nan, 0.0005), rate, first)
 
 
+def vicon(frames: int = 5) -> str:
+    """A Vicon export, z up, mm: a force plate's section, then a marker, one without a name and a marker's speed."""
+    plate = "Devices\n1000\n,,Plate,,\nFrame,Sub Frame,Fx,Fy,Fz\n,,N,N,N\n10,0,0,0,-700\n10,1,0,0,-701\n\n"
+    head = "Trajectories\n100\n,,Ann:LASI,,,*7,,,Ann:LASI,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z,X',Y',Z'\n"
+    head += ",,mm,mm,mm,mm,mm,mm,mm/s,mm/s,mm/s\n"
+    rows = ""
+    for frame in range(10, 10 + frames):
+        gap = ",,," if frame == 12 else f",{100 + frame},{200 + frame},{990 + frame}.5"
+        rows += f"{frame},0{gap},11,22,33,1,2,3\n"
+    return f"{plate}{head}{rows}\nModel Outputs\n100\n,,Ann:LHipAngles,,\n"
+
+
 def motive(frames: int = 5) -> str:
     """A Motive export, y up, mm: one labelled, one unlabelled marker and a rigid body that is no marker."""
     head = (

@@ -24,7 +24,7 @@ from addon.io.world import SIGNED_AXES, UNSURE_WORDS, find_up, guess_unit, up_ro
 from tests import recorded
 from tests.accuracy.people import BODY26
 from tests.io.c3d_layouts import Layout
-from tests.io.samples import BLOBS, motive, tsv, walk
+from tests.io.samples import BLOBS, motive, tsv, vicon, walk
 from tests.io.whole_columns import dense, read_c3d
 
 ezc3d = pytest.importorskip("ezc3d")
@@ -341,6 +341,37 @@ def test_motive_export(tmp_path):
     assert said == ["120", "240.000000", "5", "2", "mm", "240.000000", "0", "5"]
 
 
+@pytest.mark.parametrize("sheet", [True, False])  # as a spreadsheet saves it, which fills up rows with commas
+def test_vicon_export(tmp_path, sheet):
+    path, text = tmp_path / "take.csv", vicon()
+    if sheet:
+        text = "".join(line + "," * (10 - line.count(",")) + "\r\n" for line in text.splitlines())
+    path.write_text("\n\n" * sheet + text, encoding="utf-8-sig")
+    take = read_points(path)
+    assert (take.names, take.rate, take.first_frame, take.up) == (("Ann:LASI", ""), 100, 10, "+Z")
+    np.testing.assert_allclose(take.xyz[0], [[0.11, 0.21, 1.0005], [0.011, 0.022, 0.033]])
+    assert np.isnan(take.xyz[:, 0, 0]).tolist() == [False, False, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "line"),
+    [
+        (lambda t: t.partition("\n\n")[0], "no section Trajectories", 1),
+        (lambda t: t.replace("X,Y,Z", "RX,RY,RZ"), "no columns X, Y, Z", 13),
+        (lambda t: t.partition("Frame,Sub Frame,X")[0], "no columns X, Y, Z", 13),
+        (lambda t: t.replace("\n100\n", "\nnone\n"), "a rate of 'none'", 10),
+        (lambda t: t.partition("\n14,")[0] + "\n14,0,1", "3 fields; expected 11", 18),
+        (lambda t: t.partition("\n10,0,1")[0], "no frames", 0),
+    ],
+)
+def test_what_is_wrong_with_a_vicon_export_is_told(tmp_path, change, words, line):
+    path = tmp_path / "take.csv"
+    path.write_text(change(vicon()))
+    with pytest.raises(InputError, match=words) as caught:
+        read_points(path)
+    assert caught.value.line == line
+
+
 @pytest.mark.parametrize("numbered", [True, False])
 @pytest.mark.parametrize("titled", [True, False])
 def test_qualisys_tsv_export(tmp_path, numbered, titled):
@@ -583,8 +614,10 @@ def test_a_trc_says_the_name_that_it_will_have(tmp_path):
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_points_are_told_from_blobs(tmp_path, encoding):
     (tmp_path / "motive.csv").write_text(motive(), encoding=encoding)
+    (tmp_path / "vicon.csv").write_text(vicon(), encoding=encoding)
     (tmp_path / "blobs.csv").write_text(BLOBS)
-    assert [holds_points(tmp_path / name) for name in ("motive.csv", "blobs.csv", "a.c3d", "a.TRC")] == [1, 0, 1, 1]
+    names = "motive.csv", "vicon.csv", "blobs.csv", "a.c3d", "a.TRC"
+    assert [holds_points(tmp_path / name) for name in names] == [1, 1, 0, 1, 1]
 
 
 RATE = 100.0

@@ -97,8 +97,8 @@ def check_models(arguments):
 
 
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header
-frame,camera,x,y and optionally area, which needs --cameras; 3D points, a .c3d, .trc, .tsv or Motive .csv, whose own
-names are not looked at; or a Qualisys .qtm, which holds blobs with their calibration, 3D points, or both. For INPUT
+frame,camera,x,y and optionally area, which needs --cameras; 3D points, a .c3d, .trc, .tsv, Motive or Vicon .csv, whose
+own names are not looked at; or a Qualisys .qtm, which holds blobs with their calibration, 3D points, or both. For INPUT
 walk.csv, DIR gets walk.labels.csv, walk.c3d and walk.report.json."""
 ENGINES = ("local", "dask")
 METHODS_HELP = """fit: a body fitted to blobs, frame after frame; likelihood (also called evidence), and ensemble:

@@ -52,7 +52,7 @@ BONE_WORDS = {
     "shoulder": "clavicle clav collar shoulder scapula 肩",
     "upper_arm": "upperarm uparm uarm shldrbend arm shldr humerus 腕",
     "forearm": "forearm lowerarm lowarm loarm farm forearmbend elbow ulna ひじ",
-    "hand": "hand wrist 手首",
+    "hand": "hand wrist fist 手首",
     "thigh": "thigh upleg upperleg thighbend femur 足",
     "shank": "shin calf lowerleg lowleg loleg leg shank knee tibia ひざ",
     "foot": "foot ankle talus 足首",
@@ -135,7 +135,7 @@ def match_bones(bones: RestBones) -> dict[str, str]:
         found = match_form(bones)
     else:
         found |= _lacking(bones, found)
-    found = _with_trunk(bones, found)
+    found = _with_sides(bones, _with_trunk(bones, found))
     named = {part: bones.names[found[part]] for part in PARTS if part in found}
     return {part: name for part, name in named.items() if not name.startswith(NO_CONTROLS)}
 
@@ -150,15 +150,15 @@ def _read(names: Iterable[str]) -> dict[str, tuple[str, int]]:
     words = {name: _words(name) for name in names}
     last = {own[-1] for own, _ in words.values() if own}
     table = JOINT_WORDS if {"elbow", "knee"} <= last else BONE_WORDS
-    parts: dict[str, list[tuple[bool, int, str]]] = {}
+    parts: dict[str, list[tuple[int, str]]] = {}
     for part, known in table.items():
         for rank, word in enumerate(known.split()):
             for name, (own, side) in words.items():
                 # The longest of the last words that is known: "fore arm" is no arm.
                 last_two = "".join(own[-2:]), "".join(own[:-3:-1])
                 if word in (*last_two, *own[-1:]) and (bool(side) or part in ("hips", "neck", "head")):
-                    parts.setdefault(name, []).append((word not in last_two, rank, f"{part}.{side}" if side else part))
-    return {name: (part, rank) for name, (_, rank, part) in ((name, min(found)) for name, found in parts.items())}
+                    parts.setdefault(name, []).append((rank, f"{part}.{side}" if side else part))
+    return {name: (part, rank) for name, (rank, part) in ((name, min(found)) for name, found in parts.items())}
 
 
 def match_map(moved: Mapping[str, str]) -> dict[str, str]:
@@ -174,8 +174,8 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 def match_names(bones: RestBones) -> dict[str, int]:
     """The parts that the words in the names of bones say: of several the control that moves others, or the surest name.
 
-    A volume in one is the last choice. What is in the middle of a skirt is no finger. Toes that are apart have no bone
-    for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
+    A volume in one is the last choice. What is at a foot is no finger. Toes that are
+    apart have no bone for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
     """
     ends = [name for at, name in enumerate(bones.names) if not bones.below(at)]
     poles = {name for name in ends if _words(name)[0][-1:] in (["knee"], ["elbow"])}
@@ -188,7 +188,7 @@ def match_names(bones: RestBones) -> dict[str, int]:
         above = bones.above(at)[1:]
         beside = [one for parent in above[:1] for one in bones.below(parent) if one != at]
         near = {read[bones.names[one]][0] for one in (*above, *beside) if bones.names[one] in read}
-        if "mid" in words and part.startswith("middle") and f"hand{part[-2:]}" not in near:
+        if part in FINGER_PARTS and f"foot{part[-2:]}" in near:
             continue
         volume = part in near and not bones.below(at)
         found[part].append((bones.held and "fk" not in words, volume, rank, len(words), len(above), at))
@@ -233,9 +233,7 @@ def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
     if hips is not None and len(legs) > 1:
         found["hips"] = hips
     chest = _meeting(bones, arms) if len(arms) > 1 else None
-    if chest in arms:
-        chest = None
-    elif chest is not None and chest == found.get("neck"):  # on which some rigs hang the arms
+    if chest is not None and chest == found.get("neck"):  # on which some rigs hang the arms
         chest = int(bones.parents[chest])
     if chest is None or "hips" not in found:
         return found
@@ -248,6 +246,20 @@ def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
         if f"shoulder.{side}" not in found and chest in way[2:]:
             found[f"shoulder.{side}"] = way[way.index(chest) - 1]
     return _with_neck(bones, found, chest, arms)
+
+
+def _with_sides(bones: RestBones, found: dict[str, int]) -> dict[str, int]:
+    """The same with the sides exchanged where toes are behind the feet: names then are as who looks at it sees them."""
+    ends = [[found.get(f"{part}.{side}") for side in BODY_SIDES] for part in ("thigh", "foot", "toes")]
+    if any(None in pair for pair in ends):
+        return found
+    thighs, feet, toes = bones.heads[np.array(ends)]
+    back = np.cross((thighs - feet).mean(axis=0), thighs[0] - thighs[1])
+    if not ((toes - feet) @ back > 0).all():
+        return found
+    other = dict(zip(BODY_SIDES, BODY_SIDES[::-1], strict=True))
+    names = {part: part.partition(".") for part in found}
+    return {f"{name}{dot}{other.get(side, side)}": found[part] for part, (name, dot, side) in names.items()}
 
 
 def _with_neck(bones: RestBones, found: dict[str, int], chest: int, arms: list[int]) -> dict[str, int]:
@@ -343,8 +355,6 @@ def _pairs(bones: RestBones) -> list[tuple[int, tuple[int, int]]]:
             for number, one in enumerate(long)
             for other in long[:number]
             if (apart := abs(first_three(one) - first_three(other))) < 0.01 * size
-            and np.linalg.norm(np.subtract(*(bones.heads[_chain(bones, end)[-1]] for end in (one, other))))
-            > 0.01 * size
         ]
         found += [(at, min(twins)[1:])] if twins else []
     return found

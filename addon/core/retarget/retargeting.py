@@ -53,8 +53,12 @@ def axes_at_rest(places: Mapping[str, np.ndarray]) -> np.ndarray:
     way = hips - (places["shank.L"] + places["shank.R"]) / 2
     up = np.eye(3)[int(np.argmax(np.abs(way)))]
     up = up * np.sign(way @ up)
-    left = places["thigh.L"] - places["thigh.R"]
-    left = left - up * (left @ up)
+    pairs = [[places.get(f"{part}.{side}") for side in BODY_SIDES] for part in ("thigh", "foot", "upper_arm")]
+    lines = [one - other for one, other in pairs if one is not None and other is not None]
+    level = min(lines, key=lambda line: abs(line @ up) / np.linalg.norm(line))  # where all lean, the rig does
+    up = up - level * (level @ up) / (level @ level)
+    up /= np.linalg.norm(up)
+    left = lines[0] - up * (lines[0] @ up)
     left /= np.linalg.norm(left)
     return np.column_stack([left, np.cross(up, left), up])
 
@@ -74,7 +78,7 @@ def retarget(
 
     From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments, so many a second. `feet` stay
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
-    Legs and arms bend for that.
+    Legs and arms bend for that, and wide hips turn less.
     """
     body = BodyInMotion(character, *character.posed(*motion))
     rig = _with_feet(rig, body)
@@ -93,12 +97,16 @@ def retarget(
     scale, floor, lift = _fitted(rig, body)
     ground = _ground(body, rig.legs, rate) if feet else 0.0
     lift -= scale * ground
+    known = scale, floor, ground, rate
+    begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
-    hips = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS - turns[:, at["hips"]] @ middle
+    hips = begin - turns[:, at["hips"]] @ middle
+    if feet and len(rig.legs) > 1:
+        turns[:, at["hips"]] = _with_legs(rig, body, (turns, hips), known) @ turns[:, at["hips"]]
+        hips = begin - turns[:, at["hips"]] @ middle
     for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
         if feet and side in rig.legs:
-            ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, ground, rate))
-            _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
+            _plant(rig, body, side, (turns, hips), known, aligned)
             if f"toes.{side}" in at:
                 _keep_toes_out(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
@@ -192,15 +200,6 @@ def _ball(rig: Rig, side: str) -> np.ndarray:
     return rig.tails[rig.at[f"foot.{side}"]] if toes is None else rig.heads[toes]
 
 
-def _sole(rig: Rig, side: str, far: float) -> np.ndarray:
-    """(3,) m what of a foot stays on the floor when the heel lifts: as `far` from the ankle as the body's."""
-    ball, foot, toes = _ball(rig, side), rig.at[f"foot.{side}"], rig.at.get(f"toes.{side}")
-    if toes is None:
-        return ball
-    on = (far - np.linalg.norm(ball - rig.heads[foot])) / np.linalg.norm(rig.tails[toes] - ball)
-    return ball + np.clip(on, 0, 1) * (rig.tails[toes] - ball)
-
-
 def _top(rig: Rig) -> np.ndarray:
     """(3,) m where the trunk ends at rest: where neck or head begin, else where the chest ends."""
     for part in ("neck", "head"):
@@ -272,45 +271,109 @@ def _ground(body: BodyInMotion, legs: list[str], rate: float) -> float:
     return ground if abs(ground) < ON_GROUND.low_m else 0.0
 
 
-def _planted_ankle(
+def _with_legs(
+    rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, float, float]
+) -> np.ndarray:
+    """(F, 3, 3), or one of all, how the hips turn with both legs, by as much as they are wider than the body's.
+
+    Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's.
+    """
+    thighs = [rig.at[f"thigh.{side}"] for side in BODY_SIDES]
+    own = known[0] * np.linalg.norm(body.rest("thigh.L") - body.rest("thigh.R"))
+    wider = 1 - own / np.linalg.norm(np.subtract(*rig.heads[thighs]))
+    if wider <= 0:
+        return np.eye(3)
+    line, missed = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs)), []
+    for side in BODY_SIDES:
+        rows, ankle, _ = _standing(rig, body, side, posed, known)
+        missed.append(_between(rows, ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows], len(line)))
+    return least_turn(line, line + wider * (missed[0] - missed[1]))
+
+
+def _plant(
     rig: Rig,
     body: BodyInMotion,
     side: str,
     posed: tuple[np.ndarray, np.ndarray],
     known: tuple[float, float, float, float],
-) -> np.ndarray:
-    """(F, 3) m where a foot is to begin: where the leg has it, but that it does not slide while it is planted.
+    aligned: np.ndarray,
+):
+    """Changes the turns of a leg so that its foot does not slide while it is planted.
 
-    Then its ball goes along the floor as the body's does. Until the heel lifts, the lower one of heel and ball is as
-    high as the body's: a foot of another length stands on the floor, not in it.
+    In between bones turn from as much otherwise as they do at one plant to as much as at the next.
+    """
+    (turns, hips), leg = posed, [f"{part}.{side}" for part in LEG]
+    rows, ankle, turn = _standing(rig, body, side, posed, known)
+    bent = turns[rows]
+    bent[:, rig.at[leg[-1]]] = turn
+    _bend(rig, bent, hips[rows], aligned, leg, ankle, LEFTWARDS)
+    for bone in (rig.at[part] for part in leg):
+        change = rotation_vector(bent[:, bone] @ turns[rows, bone].swapaxes(1, 2))
+        turns[:, bone] = exponential(_between(rows, change, len(turns)))[0] @ turns[:, bone]
+
+
+def _between(rows: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """(F, 3) values of so many frames, by those (K, 3) of some."""
+    if not len(rows):
+        return np.zeros((count, 3))
+    return np.column_stack([np.interp(np.arange(count), rows, column) for column in values.T])
+
+
+def _standing(
+    rig: Rig,
+    body: BodyInMotion,
+    side: str,
+    posed: tuple[np.ndarray, np.ndarray],
+    known: tuple[float, float, float, float],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """In which frames (K,) a foot is planted, and where it is to begin (K, 3) m and how it turns (K, 3, 3) in them.
+
+    Its ball goes along the floor as the body's does, from where the leg has it in the mean of a plant. The lower one of
+    heel and ball is as high as the body's: a foot of another length stands on the floor, not in it.
     """
     (turns, hips), (scale, floor, ground, rate), foot = posed, known, rig.at[f"foot.{side}"]
-    ankle, ball = rig.heads[foot], _ball(rig, side)
-    sole = _sole(rig, side, scale * np.linalg.norm(body.rest(f"toes.{side}") - body.rest(f"foot.{side}")))
-    low = [(turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (sole, ankle)]
-    goal = -turns[:, foot] @ (ball - ankle)
     (sole, heel), held = _soles(body, side), body.begin(f"toes.{side}")  # which holds still
     lowest = np.minimum(sole[:, 2], heel[:, 2])
-    goal += scale * held
-    goal[:, 2] = scale * (lowest - ground) - np.minimum(*low)
-    off = place_of(rig, turns, hips, foot) - goal
-    kept, settled = _planted(held, lowest, rate), _planted(sole, lowest, rate)
-    for axis, planted in enumerate((kept, kept, settled)):  # while the heel lifts, the height is the leg's
-        rows = np.flatnonzero(planted)
-        if not len(rows):
-            continue
-        missed = -off[rows, axis]
-        for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1):
-            missed[run] += off[rows[run], axis].mean() if axis < 2 else 0.0
-        # In between it comes from what was missed at one plant to what will be at the next.
-        off[:, axis] += np.interp(np.arange(len(off)), rows, missed)
-    return goal + off
+    rows = np.flatnonzero(_planted(held, lowest, rate))
+    turn, ankle, ball = turns[rows, foot], rig.heads[foot], _ball(rig, side)
+    hip, begin = (place_of(rig, turns, hips, at)[rows] for at in (rig.at[f"thigh.{side}"], foot))
+    low = [(turn @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (ball, ankle)]
+    goal = scale * held[rows] - turn @ (ball - ankle)
+    goal[:, 2] = scale * (lowest[rows] - ground) - np.minimum(*low)
+    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
+        goal[run, :2] += (begin - goal)[run, :2].mean(axis=0)
+    rolled, turn = _rolled(turn, ball - ankle, goal - hip, np.linalg.norm(begin - hip, axis=1))
+    return rows, hip + rolled, turn
+
+
+def _rolled(turn: np.ndarray, way: np.ndarray, ankle: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The places (K, 3) m of an ankle from the hip, and turns (K, 3, 3) of its foot, that leave the knee as it is.
+
+    For that the foot rolls on its ball, `way` (3,) m from the ankle, until this is as `far` (K,) m as the leg has it; a
+    heel that is up comes up to twice as high, or down. Where that does not do, the leg takes ball and heel off the
+    floor, rather than be straightened by so much.
+    """
+    axis, along, lifted = turn @ LEFTWARDS, turn @ way, np.clip(turn[:, 2, 1], 0, 1)
+    ball, still = ankle + along, axis * (axis * along).sum(axis=1)[:, None]
+    one, other = ((ball * across).sum(axis=1) for across in (along - still, np.cross(axis, along)))
+    wanted = ((ball**2).sum(axis=1) + way @ way - far**2) / 2 - (ball * still).sum(axis=1)
+    part = np.clip(wanted / np.maximum(np.hypot(one, other), NO_TURN), -1, 1)
+    angles = np.arctan2(other, one) + np.outer((-1, 1), np.arccos(part))
+    angles = (angles + np.pi) % (2 * np.pi) - np.pi
+    angle = np.where(np.abs(angles[0]) < np.abs(angles[1]), *angles)
+    most = np.arcsin(lifted)
+    turn = exponential(axis * np.clip(angle, -most, most)[:, None])[0] @ turn
+    ankle = ball - turn @ way
+    too_far = np.clip(np.linalg.norm(ankle, axis=1) - far, 0, lifted * np.linalg.norm(way[:2]))
+    return ankle + too_far[:, None] * SKYWARDS, turn
 
 
 def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):
     """Changes the turns of toes, which may be longer than the body's, so that they are not in the floor, so high m."""
     foot, toes = (rig.at[f"{part}.{side}"] for part in ("foot", "toes"))
     carrying, ahead = turns[:, [foot]], (rig.heads[toes] - rig.heads[foot]) * (1, 1, 0)
+    if not ahead.any():  # begins at, or right under, the ankle
+        return
     way = ahead * np.linalg.norm(rig.tails[toes] - rig.heads[toes]) / np.linalg.norm(ahead)
     height = place_of(rig, turns, hips, toes)[:, 2:] - rig.heads[toes, 2] + floor
     turns[:, [toes]] = carrying @ toes_bent(

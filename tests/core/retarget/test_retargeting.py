@@ -120,6 +120,59 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     assert tip[:, 2].min() > one.tails[toes[0], 2] - 0.004
 
 
+@pytest.mark.parametrize("way", [(0, -0.08, 0), (0, -0.02, -0.06), (0, 0.05, -0.08)])  # long, high and steep feet
+def test_a_foot_of_another_form_rolls_on_its_ball_and_leaves_the_knee_as_it_is(squats, way):
+    one = rig(size=1.15)
+    for end in (one.heads, one.tails):
+        end[[one.at[f"toes.{side}"] for side in "LR"]] += way
+    knees, balls = [], []
+    for feet in (False, True):
+        turns, hips = retarget(*on_tiptoe(squats), RATE, one, feet, hands=False)
+        bent = turns[:, one.at["thigh.L"]].swapaxes(1, 2) @ turns[:, one.at["shank.L"]]
+        knees.append(np.degrees(np.arccos((np.trace(bent, axis1=1, axis2=2) - 1) / 2)))
+        balls.append(places(one, turns, hips)[:, one.at["toes.L"]])
+    np.testing.assert_allclose(knees[0][60:], knees[1][60:], atol=1.5)  # on tiptoe
+    assert np.ptp(balls[1][:, :2], axis=0).max() < 0.003 < np.ptp(balls[0][:, :2], axis=0).max()
+
+
+def test_a_foot_that_ends_where_it_begins_and_one_that_is_never_planted_are_turned(squats):
+    one, (character, (joints, turns)) = rig(), on_tiptoe(squats)
+    for side in "LR":
+        one.heads[one.at[f"toes.{side}"]] = one.heads[one.at[f"foot.{side}"]]
+    away = np.arange(120)[:, None, None] * [0.1, 0, 0]
+    for there in (joints, joints + away):
+        assert all(np.isfinite(found).all() for found in retarget(character, (there, turns), RATE, one, True, False))
+
+
+def test_hips_that_are_wider_turn_less_so_that_planted_feet_do_not_bend_legs(squats):
+    character, (joints, turns) = squats
+    at = dict(zip(character.names, character.segment, strict=True))
+    still, turns = joints[:1].repeat(120, axis=0), turns[:1].repeat(120, axis=0)
+    turned = 0.3 * np.sin(np.linspace(0, 4 * np.pi, 120))
+    half = 0.5 * np.linalg.norm(joints[0, at["thigh.L"]] - joints[0, at["thigh.R"]])
+    long = joints[0, at["thigh.L"], 2] - joints[0, at["foot.L"], 2]
+    turns[:, at["hips"]] = exponential(np.outer(turned, [0, 0, 1.0]))[0] @ turns[:, at["hips"]]
+    for side, sign in zip("LR", (1, -1), strict=True):  # legs swing about the body's left, where their feet stay
+        swing = exponential(np.outer(sign * half * np.sin(turned) / long, [0, -1.0, 0]))[0]
+        for part in ("thigh", "shank"):
+            turns[:, at[f"{part}.{side}"]] = swing @ turns[:, at[f"{part}.{side}"]]
+    off, hips = {}, {}
+    for wider in (0.0, 0.3):
+        one = rig()
+        for side, sign in zip("LR", (1, -1), strict=True):
+            for part in ("thigh", "shank", "foot", "toes"):
+                for end in (one.heads, one.tails):
+                    end[one.at[f"{part}.{side}"]] += (sign * wider / 2, 0, 0)
+        legs = [one.at[f"{part}.{side}"] for part in ("thigh", "shank") for side in "LR"]
+        found = [retarget(character, (still, turns), RATE, one, feet, hands=False)[0] for feet in (False, True)]
+        between = np.trace(found[0][:, legs].swapaxes(2, 3) @ found[1][:, legs], axis1=2, axis2=3)
+        off[wider] = np.degrees(np.arccos(np.clip((between - 1) / 2, -1, 1))).max()
+        hips[wider] = np.ptp(np.arctan2(found[1][:, one.at["hips"], 1, 0], found[1][:, one.at["hips"], 0, 0]))
+    assert off[0.0] < 2
+    assert off[0.3] < 3
+    assert hips[0.3] < 0.7 * hips[0.0]
+
+
 def without_toes(whole):
     """A rig without its toes, and which of its bones there still are."""
     kept = [index for index, part in enumerate(whole.parts) if not part.startswith("toes")]
@@ -213,8 +266,13 @@ def test_a_foot_is_planted_where_it_is_low_and_still():
 def test_axes_of_a_rig_are_those_it_has_at_rest():
     turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     one = rig()
-    axes = axes_at_rest({part: turn @ one.heads[index] for part, index in one.at.items()})
-    np.testing.assert_allclose(axes, turn, atol=1e-12)
+    for leaning in (0.0, 0.2):  # all of it to the side
+        turned = turn @ exponential(np.array([[0, leaning, 0]]))[0][0]
+        axes = axes_at_rest({part: turned @ one.heads[index] for part, index in one.at.items()})
+        np.testing.assert_allclose(axes, turned, atol=1e-12)
+    uneven = {part: one.heads[index] for part, index in one.at.items()}
+    uneven["thigh.L"] = uneven["thigh.L"] + (0, 0, 0.05)  # a hip alone
+    np.testing.assert_allclose(axes_at_rest(uneven)[2, 2], 1, atol=1e-12)
 
 
 AS_IT_IS = np.eye(3)
@@ -298,6 +356,12 @@ def test_left_is_told_by_the_feet_where_names_say_nothing():
         assert match_bones(at_rest(NAMELESS, turn=turn)) == without_between(NAMELESS)
 
 
+def test_sides_that_are_named_as_who_looks_at_a_rig_sees_them_are_exchanged():
+    own, mirrored = without_between(UNREAL), np.diag([-1.0, 1, 1])
+    other = {part: own[f"{part[:-1]}{'LR'[part[-1] == 'L']}" if "." in part else part] for part in own}
+    assert match_bones(at_rest(UNREAL, turn=mirrored)) == other
+
+
 @pytest.mark.parametrize("gone", ["hand", "forearm hand", "shoulder"])
 def test_arms_of_too_few_bones_are_left_out_but_not_for_a_shoulder(gone):
     """Which is where the upper arm begins."""
@@ -340,7 +404,7 @@ def test_bones_that_help_others_are_passed_over():
         ("ik_hand_l", "hips", (0.74, 0, 1.45)),
         ("thumb_01_l", "hand.L", (0.78, 0, 1.4)),
         ("DEF-thigh_l", "hips", (0.1, 0, 0.9)),
-        ("skirt_mid_r", "hips", (-0.1, 0, 0.7)),
+        ("foot_thumb_01_l", "foot.L", (0.1, -0.2, 0.02)),
         ("lMid1", "hand.L", (0.8, 0, 1.4)),
     ]
     fingers = {"thumb.L": "thumb_01_l", "middle.L": "lMid1"}
@@ -488,6 +552,7 @@ def test_what_is_no_person_matches_nothing():
         ("leftUpperLeg", "thigh.L"),
         ("DEF-upper_arm.L.001", "upper_arm.L"),
         ("LoLeg_R", "shank.R"),
+        ("Fist.L", "hand.L"),
         ("RForeArm", "forearm.R"),
         ("Skeleton_LUArm", "upper_arm.L"),
         ("RFArm", "forearm.R"),
