@@ -84,17 +84,27 @@ def test_files_that_are_no_takes_do_not_stop_the_others_and_processes_are_shared
 ):
     popen, lines = subprocess.Popen, []
     monkeypatch.setattr(subprocess, "Popen", lambda line, **more: lines.append(line) or popen(line, **more))
-    takes[1].write_text("hello")
+    takes[1].write_text("frame,camera,x,y\n1,nowhere,3,4\n")
+    (tmp_path / "takes" / "text.csv").write_text("hello")
     (tmp_path / "takes" / "none.c3d").write_bytes(b"")
     line = ["label", tmp_path / "takes" / "*.c*", tmp_path / "gone.csv", room.c3d, "--cameras", room.cameras]
     answer = run(*line, "--model", MODEL, "--out", tmp_path / "out", *FEW, "--jobs", jobs, "--json")
-    assert "gone.csv: there is no such file" in answer.err and "two.csv:1: holds neither blobs nor" in answer.err
+    for reason in (
+        "gone.csv: there is no such file",
+        "two.csv:2: camera 'nowhere'",
+        "text.csv:1: holds neither blobs nor",
+    ):
+        assert reason in answer.err
     said = json.loads(answer.out)
     assert answer.status == 2 and {take["take"] for take in said["takes"]} == {"one", "three", "take"}
-    assert {(take["take"], take["status"]) for take in said["failed"]} == {("two", 2), ("none", 2), ("gone", 2)}
+    assert {(take["take"], take["status"]) for take in said["failed"]} == {
+        (name, 2) for name in ("two", "text", "none", "gone")
+    }
     assert len(list((tmp_path / "out").iterdir())) == 3 * 4
     assert len(lines) == (0 if jobs == "1" else 2)
-    assert (tmp_path / "out" / "one.labels.csv").read_bytes() == (tmp_path / "out" / "three.labels.csv").read_bytes()
+    run("label", takes[0], "--cameras", room.cameras, "--model", MODEL, "--out", tmp_path / "alone", *FEW).done()
+    alone = (tmp_path / "alone" / "one.labels.csv").read_bytes()
+    assert all((tmp_path / "out" / f"{name}.labels.csv").read_bytes() == alone for name in ("one", "three"))
 
 
 @pytest.mark.parametrize("broken", ["walk.labels.csv", "summary.report.html"])
