@@ -208,6 +208,12 @@ def extension(tmp_path_factory):
 
 
 @pytest.fixture
+def settings(extension, empty):
+    """Those of an empty scene."""
+    return empty.scene.mocap_autolabel
+
+
+@pytest.fixture
 def shown(empty, made, extension) -> Take:
     """A take of a whole body, in the scene, that bends every joint while it walks and turns, two frames of it lost."""
     small, markerset = made.take(24), open_markerset("body26")

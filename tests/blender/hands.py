@@ -67,9 +67,14 @@ def list_performers(folder: Path, *names: str):
         row.name, row.markerset, row.markerset_path = name, "FILE", str(folder / "small.markerset.json")
 
 
+def session():
+    """What the window shows and no file keeps: lists, what is picked, what is going on."""
+    return bpy.context.window_manager.mocap_autolabel
+
+
 def picked() -> list[int]:
     """The trajectories that are picked."""
-    return [row.point for row in bpy.context.window_manager.mocap_autolabel.picked]
+    return [row.point for row in session().picked]
 
 
 def choose(*names: str):

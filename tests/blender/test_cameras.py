@@ -263,12 +263,11 @@ def blobs_in(path: str, cameras: Cameras):
     return next(iter(read_blobs(Path(path), cameras))).blobs
 
 
-def test_a_folder_of_movies_becomes_the_take(extension, empty, studio, tmp_path):
+def test_a_folder_of_movies_becomes_the_take(settings, studio, tmp_path):
     folder, cameras = studio
     press("import_cameras", filepath=folder / "room.toml")
     out = str(tmp_path / "found.csv")
     press("find_blobs", directory=folder / "movies", out=out)
-    settings = empty.scene.mocap_autolabel
     assert (settings.source.blobs_path, settings.source.rate) == (out, 30.0)
     assert (settings.source.first_frame, settings.source.last_frame, settings.source.blob_count) == (1, 8, 48)
     blobs = blobs_in(out, cameras)
@@ -327,12 +326,11 @@ def tracked(folder, scene):
         yield camera, clip
 
 
-def test_tracks_of_the_scenes_cameras_become_the_take(extension, empty, studio, tmp_path):
+def test_tracks_of_the_scenes_cameras_become_the_take(empty, settings, studio, tmp_path):
     cameras_and_clips = list(tracked(studio[0], empty.scene))
     cameras_and_clips[1][1].tracking.camera.k1 = -0.1
     out = str(tmp_path / "tracks.csv")
     press("import_clip_tracks", out=out)
-    settings = empty.scene.mocap_autolabel
     assert (settings.source.first_frame, settings.source.last_frame) == (11, 18)
     cameras = scene_cameras.cameras_of(settings.source.cameras, empty.scene)
     assert cameras.names == NAMES

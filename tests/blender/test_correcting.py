@@ -27,6 +27,7 @@ from .hands import (
     press,
     refused,
     rows_of_export,
+    session,
     shown,
     stored_take,
 )
@@ -49,7 +50,7 @@ def test_two_names_are_swapped_everywhere(labelled, files):
     for frame, point in (("125", other), ("115", one)):
         assert "LKNE" in named[frame, str(point)]
         assert ("edit" in named[frame, str(point)]) == (frame == "125")
-    [row] = bpy.context.window_manager.mocap_autolabel.corrections
+    [row] = session().corrections
     assert row.name == "LKNE and RKNE swapped, frames 120–130"
 
 
@@ -137,7 +138,7 @@ def test_what_is_right_is_no_longer_asked(extension, labelled, suspects):
     choose("LKNE")
     labelled.scene.frame_set(112)
     press("is_right", scope="ON")
-    state = labelled.window_manager.mocap_autolabel
+    state = session()
     assert suspects() == [(110, 111, "LKNE jumps"), (112, 113, f"trajectory {GHOST} may be LKNE"), (120, 121, "of old")]
     press("pick", point=GHOST)
     press("name_point", marker="LKNE", scope="WHOLE")
@@ -155,20 +156,20 @@ def test_each_is_one_undo_step_and_can_be_removed(labelled, files):
     choose("LWRA", "RWRA")
     press("swap_markers", scope="WHOLE")
     bpy.ops.ed.undo_push(message="Swap")
-    assert [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections] == [
+    assert [row.name for row in session().corrections] == [
         f"Trajectory {knee} has no name, all frames",
         "LWRA and RWRA swapped, all frames",
     ]
     bpy.ops.ed.undo()
     follows(files, "LWRA", wrist)
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert len(session().corrections) == 1
     assert not any("LKNE" in row for row in rows_of_export(files.folder / "undone.labels.csv"))
     bpy.ops.ed.redo()
     follows(files, "LWRA", files.names.index("RWRA"))
     press("remove_correction", index=0)
     follows(files, "LKNE", knee)
     follows(files, "LWRA", files.names.index("RWRA"))
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert len(session().corrections) == 1
 
 
 def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled, files, extension, tmp_path):
@@ -178,7 +179,7 @@ def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled,
     press("name_point", marker="LANK", scope="FRAME")
     press("save_corrections")
     press("label")
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 2
+    assert len(session().corrections) == 2
     out = labelled_by_job(files, tmp_path / "out")
     rows_of_export(tmp_path / "ours.labels.csv")
     assert (tmp_path / "ours.labels.csv").read_text() == (out / "walk.labels.csv").read_text()
@@ -189,7 +190,7 @@ def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled,
     press("clear_corrections")
     follows(files, "LKNE", files.names.index("LKNE"))
     press("label")
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 0, "the file beside was taken back here"
+    assert len(session().corrections) == 0, "the file beside was taken back here"
 
 
 def test_what_lies_beside_the_take_is_taken_up(labelled, files):
@@ -198,7 +199,7 @@ def test_what_lies_beside_the_take_is_taken_up(labelled, files):
     press("import_points", filepath=files.take)
     press("label")
     follows(files, "LKNE", files.names.index("RKNE"))
-    rows = bpy.context.window_manager.mocap_autolabel.corrections
+    rows = session().corrections
     assert [bool(row.idle) for row in rows] == [False, True, False]
     press("remove_correction", index=0)
     follows(files, "LKNE", files.names.index("LKNE"))
@@ -267,7 +268,7 @@ def test_what_was_listed_or_picked_in_another_scene_is_not_changed_in_this_one(l
     press("swap_markers")
     bpy.ops.scene.new(type="NEW")
     label_walk(files.folder)
-    state = bpy.context.window_manager.mocap_autolabel
+    state = session()
     refused("Nothing was corrected", "remove_correction")
     bpy.context.window.scene = bpy.data.scenes["Scene"]
     assert bpy.ops.mocap_autolabel.remove_correction.poll() and not len(state.corrections)

@@ -23,6 +23,7 @@ from .hands import (
     press,
     refused,
     reopen,
+    session,
     shown,
     stored_take,
 )
@@ -40,7 +41,7 @@ def kinds_of(name: str) -> dict[int, str]:
 
 def rows() -> list[tuple]:
     """The list of fills in the sidebar."""
-    return [(row.name, row.first, row.last, row.reason) for row in bpy.context.window_manager.mocap_autolabel.fills]
+    return [(row.name, row.first, row.last, row.reason) for row in session().fills]
 
 
 @pytest.fixture
@@ -60,12 +61,12 @@ def test_a_gap_is_filled_and_its_keys_are_marked(filled, files):
     assert set(kinds.values()) == {"GENERATED", "KEYFRAME"}
     keys = keys_of("RASI")
     assert np.linalg.norm(np.diff(keys[:, 1:], axis=0), axis=1).max() < 0.2, "it goes where the markers beside it go"
-    row = next(row for row in bpy.context.window_manager.mocap_autolabel.markers if row.name == "RASI")
+    row = next(row for row in session().markers if row.name == "RASI")
     assert row.labelled == pytest.approx(np.isfinite(files.xyz[:, 2, 0]).mean()), "what is filled was not found"
 
 
 def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
-    state, number = labelled.window_manager.mocap_autolabel, files.names.index("RASI")
+    state, number = session(), files.names.index("RASI")
     labelled.scene.mocap_autolabel.filling.method = "spline"
     refused("No fill is previewed", "keep_fills")
     before = keys_of("RASI")
@@ -86,7 +87,7 @@ def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
 
 def test_a_preview_is_there_again_once_keeping_it_is_undone_and_beside_another_take(labelled, files):
     def listed() -> list[int]:
-        state = bpy.context.window_manager.mocap_autolabel
+        state = session()
         return [len(state.proposed_fills), len(state.fills)]
 
     press("fill_gaps", extent="TAKE", propose=True)
@@ -110,7 +111,7 @@ def test_a_preview_is_there_again_once_keeping_it_is_undone_and_beside_another_t
 
 
 def test_what_is_filled_is_not_previewed_any_more(labelled):
-    state = labelled.window_manager.mocap_autolabel
+    state = session()
     choose("RASI")
     for propose, extent in ((True, "TAKE"), (False, "MARKER")):
         before = len(state.proposed_fills)
@@ -275,7 +276,7 @@ def test_what_cannot_be_filled_is_one_sentence(labelled):
     refused("Nothing was filled", "take_back_fills")
     settings.filling.use_longest, settings.filling.longest = True, 1
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"CANCELLED"}
-    assert {row.reason for row in labelled.window_manager.mocap_autolabel.left_gaps} == {"is longer than 1 frames"}
+    assert {row.reason for row in session().left_gaps} == {"is longer than 1 frames"}
     settings.filling.use_longest, settings.filling.method = False, "body"
     settings.subjects.markerset, settings.subjects.markerset_path = "FILE", ""
     refused("is not the take's; expected", "fill_gaps", extent="TAKE")
@@ -369,10 +370,10 @@ def test_fills_are_made_of_what_was_measured(calm, files):
     choose("RASI")
     calm.scene.frame_set(112)
     press("fill_gaps", extent="GAP")
-    [row] = calm.window_manager.mocap_autolabel.fills
+    [row] = session().fills
     assert row.reason == ""
     press("take_back_smoothing")
-    assert [row.reason for row in calm.window_manager.mocap_autolabel.fills] == [""]
+    assert [row.reason for row in session().fills] == [""]
 
 
 def test_a_cut_off_that_cannot_be_is_one_sentence(labelled):

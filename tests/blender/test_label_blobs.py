@@ -14,7 +14,20 @@ from addon.io.edits import read_edits
 from addon.io.points import read_points
 
 from .conftest import open_room, write_room
-from .hands import bones, choose, keys_of, ours, picked, press, refused, reopen, rows_of_export, shown, stored_take
+from .hands import (
+    bones,
+    choose,
+    keys_of,
+    ours,
+    picked,
+    press,
+    refused,
+    reopen,
+    rows_of_export,
+    session,
+    shown,
+    stored_take,
+)
 
 FRAMES, LOST = 30, "RKNE"
 
@@ -97,7 +110,7 @@ def test_a_marker_that_is_named_in_two_cameras_is_in_space_at_once(labelled, fil
     assert key[0] == 115
     np.testing.assert_allclose(key[1:], truth, atol=1e-4)
     np.testing.assert_allclose(shown()[LOST].matrix_world.translation, truth, atol=1e-4)
-    words = [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections]
+    words = [row.name for row in session().corrections]
     assert len(words) == 2 and all("RKNE is the blob at" in one and one.endswith("frame 115") for one in words)
     assert (stored_take().labels.step == BY_EDIT).sum() == 2
     press("export_c3d", filepath=files.folder / "ours.c3d")

@@ -21,7 +21,7 @@ from addon.scene import picking
 from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
-from .hands import GHOST, choose, follows, keys_of, ours, picked, press, stored_take
+from .hands import GHOST, choose, follows, keys_of, ours, picked, press, session, stored_take
 
 
 @pytest.fixture
@@ -163,7 +163,7 @@ def test_what_was_selected_since_counts_more_than_what_was_picked(labelled, file
     choose("LKNE")
     press("unlabel")
     assert len(keys_of("LKNE")) == 0
-    [row] = bpy.context.window_manager.mocap_autolabel.corrections
+    [row] = session().corrections
     assert row.name == f"Trajectory {files.names.index('LKNE')} has no name, all frames"
 
 

@@ -35,9 +35,8 @@ def walk(tmp_path_factory):
 
 
 @pytest.fixture
-def live(extension, empty, tmp_path):
+def live(settings, tmp_path):
     """The module, with settings in which only the source is left to say, and a wait for what comes."""
-    settings = empty.scene.mocap_autolabel
     settings.subjects.markerset, settings.live.folder = "body26", str(tmp_path / "recordings")
     module = ours("ops.live")
 

@@ -14,14 +14,9 @@ from addon.io.points import write_c3d
 from tests.core.pipelines.test_known_sets import drawn, standing
 
 from .conftest import write_room
-from .hands import ours, press, refused
+from .hands import ours, press, refused, session
 
 MOST_PANELS, MOST_CLICKS = 8, 3
-
-
-@pytest.fixture
-def settings(extension, empty):
-    return empty.scene.mocap_autolabel
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +64,7 @@ def test_files_of_a_built_in_and_of_an_own_set_are_named_after_three_clicks(sett
         clicks = 2
         opened(tmp_path, f"{name}.c3d")
         press("find_markerset")  # which the window does by itself
-        told = settings.subjects.found or bpy.context.window_manager.mocap_autolabel.likely[0].name
+        told = settings.subjects.found or session().likely[0].name
         assert told in (found, name)
         clicks += 1
         press("label")
@@ -79,7 +74,7 @@ def test_files_of_a_built_in_and_of_an_own_set_are_named_after_three_clicks(sett
 
 
 def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(settings, tmp_path, monkeypatch):
-    state, own = bpy.context.window_manager.mocap_autolabel, tmp_path / f"house{SUFFIX}"
+    state, own = session(), tmp_path / f"house{SUFFIX}"
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     opened(tmp_path, "one.c3d")
     shutil.copy(markerset_file("body39"), own)
@@ -120,11 +115,11 @@ def test_a_set_that_is_not_sure_is_offered_and_not_taken(settings, tmp_path, mon
     monkeypatch.setattr(ours("core.pipelines.known_sets"), "set_worn", one)
     press("find_markerset")
     assert settings.subjects.found == ("body39" if sure else "")
-    assert [one.name for one in bpy.context.window_manager.mocap_autolabel.likely] == ([] if sure else ["body39"])
+    assert [one.name for one in session().likely] == ([] if sure else ["body39"])
 
 
 def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp_path, monkeypatch):
-    props, state = ours("props"), bpy.context.window_manager.mocap_autolabel
+    props, state = ours("props"), session()
     for name in ("body39", "gait15"):
         write_c3d(tmp_path / f"{name}.c3d", standing(drawn(name)))
     opened(tmp_path, "body39.c3d")
@@ -162,7 +157,7 @@ def test_an_own_set_that_was_found_can_be_trained_on(settings, tmp_path):
 
 
 def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path, monkeypatch):
-    state = bpy.context.window_manager.mocap_autolabel
+    state = session()
     write_c3d(tmp_path / "three.c3d", standing(np.eye(3)))
     opened(tmp_path, "three.c3d")
     press("find_markerset")
@@ -179,7 +174,7 @@ def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path, monkeypatc
 
 
 def test_a_take_that_was_opened_while_something_went_on_is_looked_at_after_it(settings, tmp_path, monkeypatch):
-    importing, state = ours("ops.importing"), bpy.context.window_manager.mocap_autolabel
+    importing, state = ours("ops.importing"), session()
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     opened(tmp_path, "one.c3d")
     bpy_there, find = MagicMock(wraps=bpy), MagicMock()

@@ -24,7 +24,7 @@ from addon.scene import naming
 from tests.faults.stage import SECONDS
 
 from .conftest import open_room, write_room
-from .hands import only, ours, press, refused, reopen, stored_take
+from .hands import only, ours, press, refused, reopen, session, stored_take
 
 KINDS = ["objects", "meshes", "armatures", "actions", "collections", "cameras", "materials", "texts", "libraries"]
 
@@ -39,10 +39,9 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture
-def ready(extension, empty, files):
+def ready(empty, settings, files):
     """A scene in which only the one button is left to press."""
     open_room(files)
-    settings = empty.scene.mocap_autolabel
     settings.labelling.use_height, settings.labelling.height = True, 1.6
     return empty
 
@@ -114,7 +113,7 @@ def test_files_become_named_markers(ready, files):
     assert collection.name == "Mocap: walk"
     empties = only(collection, "EMPTY")
     assert [item[naming.MARKER] for item in empties] == list(open_markerset(files.markerset).markers)
-    state = ready.window_manager.mocap_autolabel
+    state = session()
     assert {row.name for row in state.markers} == {item[naming.MARKER] for item in empties}
     found = [row.labelled for row in state.markers]
     assert found == sorted(found), "the one that was found least is first"
@@ -306,7 +305,7 @@ def escape(x: int = 400, value: str = "PRESS", is_repeat: bool = False) -> Simpl
 @pytest.fixture
 def window(ready, monkeypatch):
     """A context with a window manager that counts, and the operator in it."""
-    manager = MagicMock(mocap_autolabel=ready.window_manager.mocap_autolabel, windows=[])
+    manager = MagicMock(mocap_autolabel=session(), windows=[])
     manager.invoke_confirm.return_value = {"RUNNING_MODAL"}
     status = []
     monkeypatch.setattr(bpy.types.WorkSpace, "status_text_set", lambda _, words: status.append(words))
@@ -531,7 +530,7 @@ def test_trouble_on_the_way_gives_everything_back(files, labelling, window, monk
 
 def test_the_review_names_gaps_and_suspects(ready, labelling, suspects):
     press("label")
-    rows = {row.name: row for row in ready.window_manager.mocap_autolabel.markers}
+    rows = {row.name: row for row in session().markers}
     # The fifth frames of `made.motion` are lost, and its third marker is not seen for a sixth of the take.
     assert (rows["SACR"].gaps, rows["SACR"].longest_gap, rows["SACR"].first_gap) == (1, 2, 104)
     assert (rows["RASI"].gaps, rows["RASI"].longest_gap) == (2, 5)
@@ -559,7 +558,7 @@ def test_clearing_removes_the_take_and_nothing_else(ready, labelling):
     assert counts() != before
     press("clear")
     assert {**counts(), "materials": 0} == {**before, "materials": 0}
-    assert len(ready.window_manager.mocap_autolabel.markers) == 0
+    assert len(session().markers) == 0
 
 
 def test_labelling_is_one_undo_step(ready, labelling):
@@ -570,10 +569,10 @@ def test_labelling_is_one_undo_step(ready, labelling):
     bpy.ops.ed.undo()
     assert bpy.context.scene.mocap_autolabel.take is None
     assert {**counts(), "materials": 0} == {**before, "materials": 0}
-    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 0
+    assert len(session().markers) == 0
     bpy.ops.ed.redo()
     assert bpy.context.scene.mocap_autolabel.take.name == "Mocap: walk"
-    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
+    assert len(session().markers) == 13
 
 
 def test_a_marker_set_of_ones_own(ready, files, tmp_path):
@@ -599,13 +598,12 @@ def test_the_preferences_say_where_the_compiled_library_is_missing(extension, mo
     assert said == ([] if there else ["Without the compiled library NumPy does the same work, more slowly"])
 
 
-def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, made):
+def test_own_marker_sets_are_found_in_the_extensions_folder(extension, settings, made):
     prefs = ours("prefs")
     props = ours("props")
     folder = prefs.markerset_folder(create=True)
     assert folder == type(folder)(bpy.utils.extension_path_user(extension, path="markersets"))
     write_model(folder / "house.markerset.json", Model(made.markerset()))
-    settings = empty.scene.mocap_autolabel
     assert settings.subjects.markerset == "auto"
     settings.subjects.markerset = str(folder / "house.markerset.json")
     assert props.chosen_markerset(settings.subjects).name == "small"
@@ -671,7 +669,7 @@ def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extensi
     assert len(settings.source.cameras.objects) == 4
     assert settings.source.rate == pytest.approx(59.94)
     assert len(suspects()) == 2
-    assert len(bpy.context.window_manager.mocap_autolabel.markers) == len(made.markerset())
+    assert len(session().markers) == len(made.markerset())
 
 
 ADDED = (

@@ -176,7 +176,7 @@ def test_the_timeline_is_drawn_in_the_colours_of_the_theme(extension):
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blender draws nothing without a window")
-def test_it_draws(extension, empty, made, monkeypatch):
+def test_it_draws(empty, settings, made, monkeypatch):
     """Into a picture of its own: blobs and links leave their colours, and cameras and space have their views."""
     import gpu
 
@@ -184,7 +184,6 @@ def test_it_draws(extension, empty, made, monkeypatch):
     overlay = ours("ui.overlay")
     take = made.take()
     takes.show_take(empty, take)
-    settings = empty.scene.mocap_autolabel
     settings.take = takes.takes_of(empty.scene)[-1]
     empty.scene.frame_set(111)
     camera = empty.scene.objects["cam 1"]

@@ -26,7 +26,7 @@ from addon.scene.relabelled import show_again
 from tests.core.pipelines.test_known_sets import drawn, standing
 from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
-from .hands import choose, list_performers, only, ours, press, refused, reopen, stored_take
+from .hands import choose, list_performers, only, ours, press, refused, reopen, session, stored_take
 
 
 def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
@@ -60,8 +60,7 @@ def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
         assert shown == [pytest.approx(colours[name], abs=1e-4)]
 
 
-def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take_is_opened(extension, empty, tmp_path):
-    settings = empty.scene.mocap_autolabel
+def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take_is_opened(settings, tmp_path):
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     press("import_points", filepath=tmp_path / "one.c3d")
     refused("Automatic finds what a take of one performer shows", "edit_markerset")
@@ -86,10 +85,8 @@ def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take
     assert not settings.subjects.found
 
 
-def test_two_are_seen_before_anything_is_labelled_and_labelled_by_the_button_that_is_offered(
-    extension, empty, tmp_path
-):
-    settings, state = empty.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+def test_two_are_seen_before_anything_is_labelled_and_labelled_by_the_button_that_is_offered(settings, tmp_path):
+    state = session()
     write_c3d(
         tmp_path / "two.c3d", standing(np.concatenate([drawn("body39"), drawn("body39", 1) + np.array([2, 0, 0])]))
     )
@@ -103,8 +100,8 @@ def test_two_are_seen_before_anything_is_labelled_and_labelled_by_the_button_tha
 
 
 @pytest.mark.parametrize("of_blobs", [False, True])
-def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(extension, empty, tmp_path, of_blobs):
-    settings, state = empty.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(settings, tmp_path, of_blobs):
+    state = session()
     write_seen(tmp_path)
     if of_blobs:
         press("import_cameras", filepath=tmp_path / "room.toml")
@@ -241,11 +238,10 @@ def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_pat
 
 
 @pytest.fixture
-def imported(extension, empty, tmp_path):
+def imported(settings, tmp_path):
     """A scene with the points of two people who walk, and the marker set that both wear."""
     write_pair(tmp_path)
     press("import_points", filepath=tmp_path / "pair.c3d")
-    settings = empty.scene.mocap_autolabel
     settings.subjects.markerset = WORN
     return settings
 
@@ -261,7 +257,7 @@ def test_as_many_are_named_as_are_asked_for(imported, performing, tmp_path):
     press("label")
     markers = open_markerset(WORN).markers
     assert names_of_markers(imported.take) == {f"{number}:{name}" for number in (1, 2) for name in markers}
-    assert {row.name for row in bpy.context.window_manager.mocap_autolabel.markers} == names_of_markers(imported.take)
+    assert {row.name for row in session().markers} == names_of_markers(imported.take)
     press("jump", frame=20, marker="2:LASI")
     assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["2:LASI"]
     press("export_labels", filepath=tmp_path / "own.labels.csv")
@@ -321,10 +317,9 @@ def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_na
 
 
 @pytest.fixture
-def duet(extension, empty, made):
+def duet(extension, empty, settings, made):
     """A labelled take of ann and bob in the scene, as the extension's operators know it."""
     collection = takes.show_take(empty, made.pair())
-    settings = empty.scene.mocap_autolabel
     settings.take = collection
     empty.scene.frame_set(115)
     return settings
@@ -372,9 +367,8 @@ def test_nothing_is_learned_from_several_at_once(duet, extension):
         assert "several performers" in operator.lacks(bpy.context)
 
 
-def test_each_has_a_character(extension, empty, made, tmp_path):
+def test_each_has_a_character(empty, settings, made, tmp_path):
     take = made.pair(markerset=open_markerset("body26"))
-    settings = empty.scene.mocap_autolabel
     settings.take = takes.show_take(empty, take)
     press("add_character")
     joint = take.markerset.worn[0][1].skeleton.segments.index("thigh.L")

@@ -27,7 +27,7 @@ from addon.scene.opened import Opened
 from addon.scene.timing import follow_rate
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
 
-from .hands import MODULE, press, refused
+from .hands import MODULE, press, refused, session
 
 
 def places(context, collection, frames):
@@ -294,7 +294,7 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     # Another part comes beside it, and knows of them.
     press("open_part", first=first + 5, last=last + 10)
     assert Opened().take(settings.take, scene).motion.frames.tolist() == list(range(first, last + 11))
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert len(session().corrections) == 1
 
 
 def test_who_was_asked_for_by_name_is_so_in_a_part(long):
@@ -326,13 +326,13 @@ def test_what_a_part_on_its_own_says_otherwise_is_listed(long, tmp_path):
             lines[at] = line.replace("1:LKNE", "")
     labels.write_text("\n".join(lines) + "\n")
     press("open_part", first=FIRST + 2, last=FIRST + 30)
-    rows = bpy.context.window_manager.mocap_autolabel.changes
+    rows = session().changes
     assert [(row.name, row.first) for row in rows] == [("1:LKNE", FIRST + 5)]
     assert "is named now" in rows[0].words
     labels.unlink()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "pair.blend"))
     press("open_part", first=FIRST + 2, last=FIRST + 30)
-    assert not bpy.context.window_manager.mocap_autolabel.changes
+    assert not session().changes
 
 
 def test_the_part_here_is_what_is_to_be_looked_at_or_the_preview_range(both, monkeypatch):

@@ -24,7 +24,7 @@ from tests.io.kept import otherwise
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 from tests.io.samples import tsv
 
-from .hands import keys_of, only, ours, press, refused, rows_of_export, stored_take
+from .hands import keys_of, only, ours, press, refused, rows_of_export, session, stored_take
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -152,8 +152,7 @@ def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of
     assert imported.scene.mocap_autolabel.source.points_path.endswith("walk.trc")
 
 
-def test_a_drop_tells_blobs_from_points(extension, empty, files):
-    settings = empty.scene.mocap_autolabel
+def test_a_drop_tells_blobs_from_points(empty, settings, files):
     press("import_take", "INVOKE_DEFAULT", filepath=files.folder / "motive.csv")
     assert (settings.source.points_path, settings.source.blobs_path) == (str(files.folder / "motive.csv"), "")
     assert (settings.source.first_frame, settings.source.trajectories, settings.source.rate) == (7, 1, 100.0)
@@ -179,9 +178,8 @@ def qtm(tmp_path, made):
     return write_qtm(tmp_path / "walk.qtm", recording), names
 
 
-def test_a_capture_brings_its_cameras_and_its_rate(extension, empty, qtm):
+def test_a_capture_brings_its_cameras_and_its_rate(settings, qtm):
     path, names = qtm
-    settings = empty.scene.mocap_autolabel
     press("import_take", "INVOKE_DEFAULT", filepath=path)
     assert (settings.source.blobs_path, settings.source.points_path, settings.source.rate) == (str(path), "", 250.0)
     assert {camera_name(item) for item in settings.source.cameras.objects} == set(names[:-1])
@@ -208,7 +206,7 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     assert not [item for item in bpy.data.collections if item.name.startswith("Mocap: cameras")]
     empties = {item[naming.MARKER]: item for item in only(collection, "EMPTY")}
     names = list(empties)
-    assert {name for name, _ in imported.window_manager.mocap_autolabel.markers.items()} == set(names)
+    assert {name for name, _ in session().markers.items()} == set(names)
     armature = next(item for item in collection.all_objects if item.type == "ARMATURE")
     assert len(armature.pose.bones) == 9
     imported.scene.frame_set(120)
@@ -217,7 +215,7 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
             place = empties[names[marker]].matrix_world.translation
             np.testing.assert_allclose(place, files.take.xyz[19, point], atol=1e-5)
     assert len(armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves), "the armature moves"
-    gap = imported.window_manager.mocap_autolabel.markers["RASI"]
+    gap = session().markers["RASI"]
     assert (gap.gaps, gap.longest_gap) == (2, 5)
 
 
@@ -365,11 +363,10 @@ def upside_down(files, tmp_path):
     return path
 
 
-def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files, upside_down, naming_known):
+def test_an_up_axis_and_a_rate_that_are_given_are_taken(empty, settings, files, upside_down, naming_known):
     refused("has a rate of 0 frames a second; expected", "import_points", filepath=upside_down)
     for importer in ("import_points", "import_take"):
         press(importer, filepath=upside_down, up="z", rate=60.0)
-        settings = empty.scene.mocap_autolabel
         assert (settings.source.up, settings.source.rate) == ("z", 60.0)
         heights = [vertex.co.z for vertex in settings.source.preview.vertices]
         there = files.take.xyz[..., 2]
@@ -388,7 +385,7 @@ def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, 
         raise possible.mirrored_error("A would be on the other side of the body")
 
     monkeypatch.setattr(possible.Handedness, "refuse", refuse)
-    settings, state = imported.scene.mocap_autolabel, imported.window_manager.mocap_autolabel
+    settings, state = imported.scene.mocap_autolabel, session()
     refused("is left-handed: one axis is mirrored, as A would be", "label")
     assert settings.take is None
     assert state.refused.startswith("is left-handed")

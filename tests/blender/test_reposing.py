@@ -22,7 +22,7 @@ from addon.scene import take as takes
 from addon.scene.opened import Opened
 
 from .conftest import write_walk
-from .hands import bones, choose, list_performers, only, ours, press, refused, reopen
+from .hands import bones, choose, list_performers, only, ours, press, refused, reopen, session
 
 FRAMES, FIRST = 30, 101
 WRIST, KNEE = "LWRA", "LKNE"
@@ -264,7 +264,7 @@ def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(l
     write_model(files.folder / "small.markerset.json", Model(made.markerset()))
     press("open_markerset", filepath=files.folder / "small.markerset.json")
     swap()
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert len(session().corrections) == 1
     assert "choose marker set mine" in reposing.words_behind(bpy.context)
     refused(
         "older than the last correction; expected you to choose marker set mine",
@@ -309,10 +309,9 @@ def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, repos
     np.testing.assert_allclose(bones()[there][..., :3, 3], fitted[there], atol=NEAR)
 
 
-def test_of_two_performers_both_are_right(extension, empty, made, files, reposing):
+def test_of_two_performers_both_are_right(empty, settings, made, files, reposing):
     write_model(files.folder / "small.markerset.json", Model(made.markerset()))
     collection = takes.show_take(empty, replace(made.pair(), source=""))
-    settings = empty.scene.mocap_autolabel
     settings.take = collection
     list_performers(files.folder, "ann", "bob")
     empty.scene.frame_set(115)

@@ -19,7 +19,7 @@ from addon.scene import naming
 from addon.scene.take import show_take
 
 from .conftest import label_walk, write_walk
-from .hands import choose, ours, press, refused, shown, stored_take
+from .hands import choose, ours, press, refused, session, shown, stored_take
 
 FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
@@ -33,7 +33,7 @@ def state(extension, empty, made, tmp_path, name_as):
     knee = markerset.markers.index(LOST)
     name_as(np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1)))
     label_walk(tmp_path)
-    state = bpy.context.window_manager.mocap_autolabel
+    state = session()
     state.trouble_done, state.trouble_index = "OPEN", 0
     return SimpleNamespace(review=state, knee=knee, folder=tmp_path)
 
@@ -159,7 +159,7 @@ def test_a_scene_that_was_made_shorter_stays_so_when_a_take_is_labelled_again(st
 def test_a_take_of_blobs_has_its_cameras_and_can_be_answered(extension, empty, made):
     moved = Suspect(101, 160, "camera cam 1 seems to have moved: its blobs are 1.7 px off")
     empty.scene.mocap_autolabel.take = show_take(empty, replace(made.take(60), suspects=(moved,)))
-    state = empty.window_manager.mocap_autolabel
+    state = session()
     state.trouble_done = "ALL"
     [number] = [number for number, row in enumerate(state.troubles) if row.kind == "camera"]
     assert state.troubles[number].name == "cam 1"

@@ -16,7 +16,7 @@ from addon.scene import take as takes
 from addon.scene.armature import bone_tails, build_of
 from addon.scene.opened import Opened
 
-from .hands import FRAMES, GHOST, choose, follows, only, ours, picked, press, refused, shown, stored_take
+from .hands import FRAMES, GHOST, choose, follows, only, ours, picked, press, refused, session, shown, stored_take
 
 
 def test_bones_and_body_reproduce_the_motion(empty, made):
@@ -303,7 +303,7 @@ def test_a_drag_selects_the_range_that_corrections_take(labelled, files):
     press("timeline_pick", marker="LKNE", first=116, last=125)
     assert scene.frame_current == 118, "it is in the range"
     press("unlabel", scope="RANGE")
-    [row] = labelled.window_manager.mocap_autolabel.corrections
+    [row] = session().corrections
     assert row.name.endswith("frames 116–125")
     stored = stored_take()
     assert (stored.labels.step != BY_EDIT).all(), "a point without a name has no step"

@@ -26,7 +26,7 @@ from addon.scene.timing import follow_rate
 from scripts.keep_version import EARLIER
 
 from .conftest import label_walk, open_room, write_room, write_walk
-from .hands import FRAMES, GHOST, choose, keys_of, ours, press, reopen, shown, stored_take
+from .hands import FRAMES, GHOST, choose, keys_of, ours, press, reopen, session, shown, stored_take
 from .test_points import visible_points
 
 FPS = 24
@@ -193,7 +193,7 @@ def test_the_points_are_those_of_the_frame_that_is_picked(empty, rate, moments):
 
 
 def test_the_lists_lead_to_the_very_frame(mapped):
-    state, stored = bpy.context.window_manager.mocap_autolabel, stored_take()
+    state, stored = session(), stored_take()
     row = next(row for row in state.markers if row.gaps)
     index = stored.names.index(row.name)
     press("jump", frame=row.first_gap, marker=row.name)
@@ -231,7 +231,7 @@ def test_there_and_back_again_nothing_is_another(mapped):
     assert astuple(stored_take().clock) == (101, 101, 1.0)
     assert (scene.frame_start, scene.frame_end) == (101, 130)
     assert (keys_of("C7")[:, 0] % 1 == 0).all(), "frame by frame they are whole"
-    fills = bpy.context.window_manager.mocap_autolabel.fills
+    fills = session().fills
     assert [(row.first, row.last) for row in fills] == [(one.first, one.last) for one in stored_take().fills] != []
     spans = [edit.span for edit in stored_take().edits]
     scene.render.fps, scene.render.fps_base = FPS, 1

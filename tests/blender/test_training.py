@@ -23,7 +23,7 @@ from addon.io.models import open_model, write_model
 from addon.io.points import write_c3d
 from addon.scene.take import Take, show_take
 
-from .hands import choose, ours, press, refused, stored_take
+from .hands import choose, ours, press, refused, session, stored_take
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +130,7 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_
     assert (job.name, job.base, job.overwrite, job.kept) == ("mine", None, False, ())
     assert job.by == ours("jobs.models").system_user() != ""
     assert [name for name, _ in job.subjects] == ["ann [2]", files.folder.name]
-    assert [row.name for row in listed.window_manager.mocap_autolabel.doubts] == ["one subject"]
+    assert [row.name for row in session().doubts] == ["one subject"]
     settings.training.train_on = True
     press("train")
     other = jobs_given.jobs[1]
@@ -156,7 +156,7 @@ def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, own_folder, ex
     fingerprint = open_model(own).fingerprint
     newer = replace(base, history=ModelHistory((ModelVersion(2, origin=fingerprint),)), likelihood=None)
     write_model(candidate, newer)
-    settings, state = listed.scene.mocap_autolabel, listed.window_manager.mocap_autolabel
+    settings, state = listed.scene.mocap_autolabel, session()
     refused("Train a marker set on first", "adopt_model")
     settings.subjects.markerset, settings.training.train_on = str(own), True
     settings.training.takes[1].kept = True
@@ -184,7 +184,7 @@ def test_nothing_can_be_learned_from_nothing(extension, empty):
 
 
 @pytest.fixture
-def standing(extension, empty, own_folder):
+def standing(empty, settings, own_folder):
     """A labelled take of the demo's virtual person in a scene, whose heel nobody has named in its second frame."""
     markerset = open_markerset("body26")
     xyz = make_performance(markerset).take.xyz[:3]
@@ -197,7 +197,6 @@ def standing(extension, empty, own_folder):
     motion = motion_of(*there, labels, markerset, points.frames)
     rows = PointRows.of(points)
     take = Take("st/and", 100.0, NO_CAMERAS, markerset, rows, labels[np.nonzero(points.present)], motion)
-    settings = empty.scene.mocap_autolabel
     settings.take = show_take(empty, take)
     return SimpleNamespace(context=empty, settings=settings, names=markerset.markers, xyz=xyz)
 
@@ -215,7 +214,7 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, jobs
     where = {name: place for name, place in zip(standing.names, standing.xyz[1], strict=True) if name != "LHEE"}
     assert all(np.allclose(frame.xyz[0, frame.names.index(name)], place, atol=1e-4) for name, place in where.items())
     assert not job.takes
-    assert [row.name for row in standing.context.window_manager.mocap_autolabel.doubts] == ["one frame"]
+    assert [row.name for row in session().doubts] == ["one frame"]
     job.out.touch()
     refused(r"hers\.markerset\.json: is there already", "learn_frame")
 
@@ -249,7 +248,7 @@ def test_a_whole_take_is_learned_from_but_what_is_doubtful_and_nobody_looked_at(
     assert seen[:, left].tolist() == [True, False, True]
     assert seen[:, lost].tolist() == [True, False, True]
     assert np.delete(seen, [left, lost], axis=1).all()
-    said = [row.name for row in standing.context.window_manager.mocap_autolabel.doubts]
+    said = [row.name for row in session().doubts]
     assert said[0].startswith("RHEE: 1 doubtful frame that nobody looked at was not learned")
 
 
