@@ -24,7 +24,7 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 # together take 375 s of it, which is under four minutes on two cores.
 SLOW = (
     "blender/test_quality.py",
-    "cli/test_batches.py", "cli/test_farm.py", "cli/test_faults.py", "cli/test_force.py", "cli/test_train.py",
+    "cli/test_batches.py", "cli/test_farm.py", "cli/test_force.py", "cli/test_train.py",
     "io/test_fuzz.py", "package/",
 )  # fmt: skip
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One word, one thing: no two classes and no two constants of the add-on share a name."""
+"""One word, one thing: no two classes and constants of the add-on share a name; and tests name recorded folders."""
 
 import ast
+import re
 from collections import defaultdict
 from pathlib import Path
 
@@ -31,3 +32,15 @@ def test_no_name_is_given_twice():
             places[name].append(path.relative_to(ADDON).as_posix())
     assert len(places) > 500
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
+
+
+HERE = Path(__file__).parent
+OVER_EVERYTHING = re.compile(
+    r"""\b(?:shared_data|DATA|PEOPLE|MCGILL|ROOM)\b.*\.(?:rglob\(|iterdir\(|glob\(["'][^"']*\*/)"""
+)
+
+
+def test_no_test_goes_through_all_of_the_recorded_data():
+    sources = {path: path.read_text(encoding="utf-8") for path in HERE.rglob("*.py") if path != Path(__file__)}
+    assert len(sources) > 150
+    assert [path.name for path, text in sources.items() if OVER_EVERYTHING.search(text)] == []

@@ -64,26 +64,10 @@ def in_body26() -> Iterator[people.Take]:
 UPRIGHT = 0.6  # m, how far apart the feet of somebody who stands are at most
 LOWEST_HEAD = 0.85  # of its greatest height, of somebody who stands
 
-
-@dataclass(frozen=True)
-class Difference:
-    """How the arms of the lab's own people are set, and their markers placed elsewhere, to be strangers.
-
-    abducted, flexed, bent  rad, the least and the most of the upper arm to the side and ahead, and of the elbow
-    everywhere_m            standard deviation along each axis of every marker's place
-    moved                   this many markers are worn
-    moved_m                 up to so far off
-    """
-
-    abducted: tuple[float, float] = (0.0, 1.7)
-    flexed: tuple[float, float] = (-0.3, 1.6)
-    bent: tuple[float, float] = (0.0, 2.2)
-    everywhere_m: float = 0.006
-    moved: int = 2
-    moved_m: float = 0.09
-
-
-DIFFERENCE = Difference()
+# How the arms of the lab's own people are set, and their markers placed elsewhere, to be strangers:
+ARMS = (0.0, 1.7), (-0.3, 1.6), (0.0, 2.2)  # rad, the least and most of upper arm to the side, ahead, and of the elbow
+EVERYWHERE_M = 0.006  # standard deviation along each axis of every marker's place
+MOVED, MOVED_M = 2, 0.09  # so many markers are worn up to so far off
 
 
 def frames_of(take: people.Take, whole: bool) -> np.ndarray:
@@ -106,11 +90,11 @@ def standing_strangers(stranger: Stranger, count: int) -> Iterator[Trial]:
         yield _captured(take, body, int(generator.choice(frames)), generator, number)
 
 
-def posed_people(persons, count: int, seed: int = 11) -> Iterator[Trial]:
+def posed_people(persons, count: int) -> Iterator[Trial]:
     """`count` captures of people of the lab itself, standing, with other arms and their markers placed elsewhere."""
     recordings = people.takes(persons, "standing")
     for number in range(count):
-        generator = np.random.default_rng([seed, number])
+        generator = np.random.default_rng([11, number])
         take = recordings[number % len(recordings)]
         whole = np.flatnonzero(np.isfinite(take.pick(people.BODY26)).all(axis=(1, 2)))
         frame = int(generator.choice(whole))
@@ -127,7 +111,7 @@ def _captured(take: people.Take, body: Flesh, frame: int, generator: np.random.G
     return captured(title, take, body, frame, move, paper_rig(generator), generator, CaptureOptions())
 
 
-def _arms_set(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -> np.ndarray:
+def _arms_set(xyz: np.ndarray, generator) -> np.ndarray:
     """(1, M, 3) m with both arms turned at shoulders and elbows: alike in half of the draws."""
     index = people.BODY26.index
     xyz = xyz.copy()
@@ -137,8 +121,7 @@ def _arms_set(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -
     alike, angles = generator.uniform() < 0.5, []
     for side, sign in (("L", 1), ("R", -1)):
         if not (alike and angles):
-            limits = difference.abducted, difference.flexed, difference.bent
-            angles = [generator.uniform(*both) for both in limits]
+            angles = [generator.uniform(*both) for both in ARMS]
         abducted, flexed, bent = angles
         arm = [index(side + name) for name in ("ELB", "WRA", "WRB", "FIN")]
         shoulder = xyz[0, index(side + "SHO")] - [0, 0, 0.05]
@@ -153,11 +136,11 @@ def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
     return exponential(axis / np.linalg.norm(axis) * angle)[0]
 
 
-def _placed_elsewhere(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -> np.ndarray:
-    xyz = xyz + generator.normal(0, difference.everywhere_m, xyz.shape)
-    for marker in generator.choice(xyz.shape[1], difference.moved, replace=False):
+def _placed_elsewhere(xyz: np.ndarray, generator) -> np.ndarray:
+    xyz = xyz + generator.normal(0, EVERYWHERE_M, xyz.shape)
+    for marker in generator.choice(xyz.shape[1], MOVED, replace=False):
         way = generator.normal(size=3)
-        xyz[0, marker] += way / np.linalg.norm(way) * generator.uniform(0, difference.moved_m)
+        xyz[0, marker] += way / np.linalg.norm(way) * generator.uniform(0, MOVED_M)
     return xyz
 
 

@@ -29,7 +29,7 @@ from addon.io.points import write_c3d  # noqa: E402
 from addon.scene.take import Take, show_take  # noqa: E402
 from tests.core.toybody import made_up  # noqa: E402
 
-from .hands import FRAMES, GHOST, MODULE, ours, stored_take  # noqa: E402
+from .hands import FRAMES, GHOST, MODULE, ours, press, stored_take  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -208,6 +208,12 @@ def extension(tmp_path_factory):
 
 
 @pytest.fixture
+def settings(extension, empty):
+    """Those of an empty scene."""
+    return empty.scene.mocap_autolabel
+
+
+@pytest.fixture
 def shown(empty, made, extension) -> Take:
     """A take of a whole body, in the scene, that bends every joint while it walks and turns, two frames of it lost."""
     small, markerset = made.take(24), open_markerset("body26")
@@ -276,17 +282,17 @@ def write_room(folder: Path, frames: int, lens: float = 0.0) -> SimpleNamespace:
 
 def open_room(files: SimpleNamespace):
     """Imports what `write_room` wrote by the extension's buttons."""
-    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset) == {"FINISHED"}
+    press("import_cameras", filepath=files.cameras)
+    press("import_blobs", filepath=files.blobs)
+    press("open_markerset", filepath=files.markerset)
     bpy.context.scene.mocap_autolabel.source.rate = 60.0
 
 
 def label_walk(folder: Path):
     """Labels the take that `write_walk` wrote by the extension's buttons."""
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(folder / "walk.c3d")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(folder / "small.markerset.json")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("import_points", filepath=folder / "walk.c3d")
+    press("open_markerset", filepath=folder / "small.markerset.json")
+    press("label")
 
 
 @pytest.fixture

@@ -62,14 +62,19 @@ def list_performers(folder: Path, *names: str):
     subjects = bpy.context.scene.mocap_autolabel.subjects
     subjects.performing = "LISTED"
     for name in names:
-        bpy.ops.mocap_autolabel.add_performer()
+        press("add_performer")
         row = subjects.performers[-1]
         row.name, row.markerset, row.markerset_path = name, "FILE", str(folder / "small.markerset.json")
 
 
+def session():
+    """What the window shows and no file keeps: lists, what is picked, what is going on."""
+    return bpy.context.window_manager.mocap_autolabel
+
+
 def picked() -> list[int]:
     """The trajectories that are picked."""
-    return [row.point for row in bpy.context.window_manager.mocap_autolabel.picked]
+    return [row.point for row in session().picked]
 
 
 def choose(*names: str):
@@ -105,14 +110,34 @@ def follows(files, name: str, point: int, frames: slice = slice(None)):
 
 
 def rows_of_export(path) -> list[list[str]]:
-    assert bpy.ops.mocap_autolabel.export_labels(filepath=str(path)) == {"FINISHED"}
+    press("export_labels", filepath=path)
     return [line.split(",") for line in path.read_text().splitlines()[1:]]
+
+
+def call(operator: str, *how: str | bool, **given) -> set[str]:
+    """What an operator of ours comes to, as a button calls it; paths of files are given as they are."""
+    given = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
+    return getattr(bpy.ops.mocap_autolabel, operator)(*how, **given)
+
+
+def press(operator: str, *how: str | bool, **given):
+    """Asserts that an operator of ours does what it is for."""
+    assert call(operator, *how, **given) == {"FINISHED"}
 
 
 def refused(words: str, operator: str, *how: str, **given):
     """Asserts that an operator of ours ends with an error that says that."""
     with pytest.raises(RuntimeError, match=words):
-        getattr(bpy.ops.mocap_autolabel, operator)(*how, **given)
+        call(operator, *how, **given)
+
+
+def out_of_another_file(path: Path, name: str, link: bool = True) -> bpy.types.Collection:
+    """Saves the file, begins a new one, and brings a take into its scene, linked or appended."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(path), link=link) as (_, wanted):
+        wanted.collections = [name]
+    return wanted.collections[0]
 
 
 def reopen(path: Path | str):

@@ -18,7 +18,7 @@ from addon.scene import take as takes
 from addon.scene.animation import KeyOptions
 from addon.scene.opened import Opened
 
-from .hands import ours, refused, stored_take
+from .hands import ours, press, refused, stored_take
 
 # What a retargeted joint or marker may be off: the root alone moves, and floats of single precision are in between.
 MOST_OFF_M = 0.0001
@@ -69,7 +69,7 @@ def joint_errors(take, armature, words, first):
 @pytest.mark.parametrize("names", BONE_NAMES)
 def test_bones_begin_at_the_joints_in_every_frame(shown, names):
     bpy.context.scene.mocap_autolabel.bone_names = names
-    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+    press("add_character")
     armature = next(item for item in bpy.data.objects if characters.CHARACTER_OF in item)
     key = {called: bone for bone, called in BONE_NAMES["HUMANIK"].items()}
     words = {BONE_NAMES[names][key[bone]]: segment for bone, segment in JOINTS.items()}
@@ -78,7 +78,7 @@ def test_bones_begin_at_the_joints_in_every_frame(shown, names):
 
 
 def test_the_rest_is_a_t_pose_that_looks_along_minus_y(shown):
-    bpy.ops.mocap_autolabel.add_character()
+    press("add_character")
     bones = next(item for item in bpy.data.objects if characters.CHARACTER_OF in item).data.bones
     for name, direction in (
         ("LeftArm", (1, 0, 0)),
@@ -149,7 +149,7 @@ def test_files_stand_where_the_root_has_the_take_or_in_the_room_by_choice(shown,
             assert (rig.matrix_world @ rig.pose.bones["LeftHand"].head - place).length < MOST_OFF_M * 5
     root.scale.x = 1
     bpy.context.view_layer.update()
-    refused("root is mirrored or scaled unevenly", "export_bvh", filepath=str(tmp_path / "no.bvh"))
+    refused("root is mirrored or scaled unevenly", "export_bvh", filepath=tmp_path / "no.bvh")
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
     scene, path = bpy.context.scene, tmp_path / f"walk.{kind}"
     played = scene.frame_start, scene.frame_end, scene.frame_current
     before = set(bpy.data.objects)
-    assert getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=str(path), **options) == {"FINISHED"}
+    press(f"export_{kind}", filepath=path, **options)
     assert set(bpy.data.objects) == before
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == played
     read(str(path))
@@ -187,7 +187,7 @@ def exporter(name: str, path: Path, **own):
 @pytest.mark.parametrize("name", ["labels", "c3d", "trc", "report"])
 def test_what_is_written_in_a_process_of_its_own_is_what_a_script_writes(labelled, tmp_path, name):
     long_work, paths = ours("ops.long_work"), [tmp_path / f"{one}.{name}" for one in ("here", "there")]
-    assert getattr(bpy.ops.mocap_autolabel, f"export_{name}")(filepath=str(paths[0])) == {"FINISHED"}
+    press(f"export_{name}", filepath=paths[0])
     operator = exporter(name, paths[1], performer=ours("ops.exporting").TOGETHER[0])
     try:
         worker, found = long_work.hand_over(operator.asked(bpy.context)), None
@@ -203,7 +203,7 @@ def test_what_is_written_in_a_process_of_its_own_is_what_a_script_writes(labelle
 def test_what_is_exported_beside_the_window_is_what_a_script_exports_and_tells_how_far_it_is(shown, tmp_path):
     long_work = ours("ops.long_work")
     here, there = tmp_path / "here.bvh", tmp_path / "there.BVH"
-    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(here)) == {"FINISHED"}
+    press("export_bvh", filepath=here)
     operator = exporter("bvh", there, unit="CENTIMETRES", performer=ours("ops.exporting").APART[0])
     shares, beside = [], set()
 
@@ -248,8 +248,8 @@ def test_what_blender_s_exporter_cannot_write_is_one_sentence_and_leaves_the_fil
 
 def test_an_exporter_that_is_switched_off_is_told(shown, tmp_path):
     addon_utils.disable("io_anim_bvh")
-    with pytest.raises(RuntimeError, match=r"own BVH exporter is switched off; expected it enabled in the preferences"):
-        bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "b.bvh"))
+    words = "own BVH exporter is switched off; expected it enabled in the preferences"
+    refused(words, "export_bvh", filepath=tmp_path / "b.bvh")
     addon_utils.enable("io_anim_bvh")
 
 

@@ -22,9 +22,12 @@ from .hands import (
     keys_of,
     labelled_by_job,
     ours,
+    out_of_another_file,
     picked,
+    press,
     refused,
     rows_of_export,
+    session,
     shown,
     stored_take,
 )
@@ -32,7 +35,7 @@ from .hands import (
 
 def test_two_names_are_swapped_everywhere(labelled, files):
     choose("LKNE", "RKNE")
-    assert bpy.ops.mocap_autolabel.swap_markers(scope="ON") == {"FINISHED"}
+    press("swap_markers", scope="ON")
     one, other = files.names.index("LKNE"), files.names.index("RKNE")
     for name, before, after in (("LKNE", one, other), ("RKNE", other, one)):
         follows(files, name, before, slice(0, 19))
@@ -47,18 +50,13 @@ def test_two_names_are_swapped_everywhere(labelled, files):
     for frame, point in (("125", other), ("115", one)):
         assert "LKNE" in named[frame, str(point)]
         assert ("edit" in named[frame, str(point)]) == (frame == "125")
-    [row] = bpy.context.window_manager.mocap_autolabel.corrections
+    [row] = session().corrections
     assert row.name == "LKNE and RKNE swapped, frames 120–130"
 
 
 @pytest.mark.parametrize("over", [False, True], ids=["linked", "overridden"])
 def test_a_take_of_another_file_is_not_changed_here_where_that_would_be_lost(labelled, files, tmp_path, over):
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
-    bpy.ops.wm.read_homefile(use_empty=True)
-    with bpy.data.libraries.load(str(tmp_path / "other.blend"), link=True) as (_, wanted):
-        wanted.collections = ["Mocap: walk"]
-    [take] = wanted.collections
-    scene = bpy.context.scene
+    take, scene = out_of_another_file(tmp_path / "other.blend", "Mocap: walk"), bpy.context.scene
     scene.collection.children.link(take)
     if over:
         take.override_hierarchy_create(scene, bpy.context.view_layer)
@@ -68,14 +66,14 @@ def test_a_take_of_another_file_is_not_changed_here_where_that_would_be_lost(lab
     names = "swap_markers", "fill_gaps", "smooth", "accept_trouble", "mend_trouble", "add_character", "place_marker"
     for name in names:
         refused("linked from another file: change it there, or label it again here", name)
-    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "own.c3d")) == {"FINISHED"}
+    press("export_c3d", filepath=tmp_path / "own.c3d")
     assert bpy.ops.mocap_autolabel.export_bvh.poll()
     for name in ("timeline_pick", "pick", "pick_none", "save_corrections"):
         assert getattr(bpy.ops.mocap_autolabel, name).poll(), name
     label_walk(files.folder)
     assert scene.mocap_autolabel.take.library is scene.mocap_autolabel.take.override_library is None
     choose("LKNE", "RKNE")
-    assert bpy.ops.mocap_autolabel.swap_markers() == {"FINISHED"}
+    press("swap_markers")
 
 
 @pytest.mark.parametrize("scope", ["FRAME", "RANGE", "WHOLE"])
@@ -90,13 +88,13 @@ def test_markers_in_actions_of_their_own_follow_too(extension, monkeypatch, requ
     frames = {"FRAME": slice(11, 12), "RANGE": slice(9, 15), "WHOLE": slice(None)}[scope]
     one, other = files.names.index("LKNE"), files.names.index("RKNE")
     choose("LKNE", "RKNE")
-    assert bpy.ops.mocap_autolabel.swap_markers(scope=scope) == {"FINISHED"}
+    press("swap_markers", scope=scope)
     follows(files, "LKNE", other, frames)
     follows(files, "RKNE", one, frames)
     choose("LKNE")
-    assert bpy.ops.mocap_autolabel.unlabel(scope=scope) == {"FINISHED"}
+    press("unlabel", scope=scope)
     assert not np.isin(keys_of("LKNE")[:, 0], 101 + np.arange(FRAMES)[frames]).any()
-    bpy.ops.mocap_autolabel.clear_corrections()
+    press("clear_corrections")
     follows(files, "LKNE", one)
     follows(files, "RKNE", other)
 
@@ -104,14 +102,14 @@ def test_markers_in_actions_of_their_own_follow_too(extension, monkeypatch, requ
 def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
     knee = files.names.index("LKNE")
     choose("LKNE")
-    assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
+    press("unlabel", scope="WHOLE")
     assert len(keys_of("LKNE")) == 0
     assert shown()["LKNE"].hide_viewport
     cloud = next(item for item in labelled.scene.mocap_autolabel.take.objects if item.modifiers)
     assert len(cloud.data.vertices) == FRAMES + int(np.isfinite(files.xyz[:, knee, 0]).sum())
-    assert bpy.ops.mocap_autolabel.pick(point=GHOST) == {"FINISHED"}
+    press("pick", point=GHOST)
     assert (picked(), bpy.context.selected_objects) == ([GHOST], [])
-    assert bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="BACK") == {"FINISHED"}
+    press("name_point", marker="LKNE", scope="BACK")
     follows(files, "LKNE", GHOST, slice(0, 20))
     assert keys_of("LKNE")[-1, 0] == 120
     assert not shown()["LKNE"].hide_viewport
@@ -126,8 +124,8 @@ def test_a_scope_is_a_range_of_frames(labelled, files, scope, frames):
     scene = labelled.scene
     scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 118, 123
     choose("LWRA")
-    assert bpy.ops.mocap_autolabel.name_point(marker="RWRA", scope=scope) == {"FINISHED"}
-    bpy.ops.mocap_autolabel.save_corrections()
+    press("name_point", marker="RWRA", scope=scope)
+    press("save_corrections")
     assert read_edits(files.edits).items == (AssignPoint(files.names.index("LWRA"), "RWRA", frames=frames),)
 
 
@@ -139,13 +137,13 @@ def test_what_is_right_is_no_longer_asked(extension, labelled, suspects):
     ours("scene.opened").opened.forget()
     choose("LKNE")
     labelled.scene.frame_set(112)
-    bpy.ops.mocap_autolabel.is_right(scope="ON")
-    state = labelled.window_manager.mocap_autolabel
+    press("is_right", scope="ON")
+    state = session()
     assert suspects() == [(110, 111, "LKNE jumps"), (112, 113, f"trajectory {GHOST} may be LKNE"), (120, 121, "of old")]
-    bpy.ops.mocap_autolabel.pick(point=GHOST)
-    bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="WHOLE")
+    press("pick", point=GHOST)
+    press("name_point", marker="LKNE", scope="WHOLE")
     assert not any("may be LKNE" in reason for *_, reason in suspects())
-    bpy.ops.mocap_autolabel.clear_corrections()
+    press("clear_corrections")
     assert (len(suspects()), len(state.corrections)) == (3, 0)
 
 
@@ -153,59 +151,59 @@ def test_each_is_one_undo_step_and_can_be_removed(labelled, files):
     knee, wrist = files.names.index("LKNE"), files.names.index("LWRA")
     bpy.ops.ed.undo_push(message="Before")
     choose("LKNE")
-    bpy.ops.mocap_autolabel.unlabel(scope="WHOLE")
+    press("unlabel", scope="WHOLE")
     bpy.ops.ed.undo_push(message="Unlabel")
     choose("LWRA", "RWRA")
-    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
+    press("swap_markers", scope="WHOLE")
     bpy.ops.ed.undo_push(message="Swap")
-    assert [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections] == [
+    assert [row.name for row in session().corrections] == [
         f"Trajectory {knee} has no name, all frames",
         "LWRA and RWRA swapped, all frames",
     ]
     bpy.ops.ed.undo()
     follows(files, "LWRA", wrist)
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert len(session().corrections) == 1
     assert not any("LKNE" in row for row in rows_of_export(files.folder / "undone.labels.csv"))
     bpy.ops.ed.redo()
     follows(files, "LWRA", files.names.index("RWRA"))
-    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    press("remove_correction", index=0)
     follows(files, "LKNE", knee)
     follows(files, "LWRA", files.names.index("RWRA"))
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert len(session().corrections) == 1
 
 
 def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled, files, extension, tmp_path):
     choose("LKNE", "RKNE")
-    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
-    bpy.ops.mocap_autolabel.pick(point=GHOST)
-    bpy.ops.mocap_autolabel.name_point(marker="LANK", scope="FRAME")
-    bpy.ops.mocap_autolabel.save_corrections()
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 2
+    press("swap_markers", scope="WHOLE")
+    press("pick", point=GHOST)
+    press("name_point", marker="LANK", scope="FRAME")
+    press("save_corrections")
+    press("label")
+    assert len(session().corrections) == 2
     out = labelled_by_job(files, tmp_path / "out")
     rows_of_export(tmp_path / "ours.labels.csv")
     assert (tmp_path / "ours.labels.csv").read_text() == (out / "walk.labels.csv").read_text()
-    bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "ours.c3d"))
+    press("export_c3d", filepath=tmp_path / "ours.c3d")
     theirs, ours = read_points(out / "walk.c3d"), read_points(tmp_path / "ours.c3d")
     assert ours.names == theirs.names
     np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-6)
-    bpy.ops.mocap_autolabel.clear_corrections()
+    press("clear_corrections")
     follows(files, "LKNE", files.names.index("LKNE"))
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 0, "the file beside was taken back here"
+    press("label")
+    assert len(session().corrections) == 0, "the file beside was taken back here"
 
 
 def test_what_lies_beside_the_take_is_taken_up(labelled, files):
     edits = Edits((Swap(("LKNE", "RKNE")), UnlabelPoint(GHOST), Right("C7", frames=(103, 104))))
     write_edits(files.edits, edits)
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.take)) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("import_points", filepath=files.take)
+    press("label")
     follows(files, "LKNE", files.names.index("RKNE"))
-    rows = bpy.context.window_manager.mocap_autolabel.corrections
+    rows = session().corrections
     assert [bool(row.idle) for row in rows] == [False, True, False]
-    bpy.ops.mocap_autolabel.remove_correction(index=0)
+    press("remove_correction", index=0)
     follows(files, "LKNE", files.names.index("LKNE"))
-    bpy.ops.mocap_autolabel.save_corrections()
+    press("save_corrections")
     assert read_edits(files.edits) == edits.without(0)
 
 
@@ -217,7 +215,7 @@ def test_a_file_of_the_command_line_can_be_corrected_on(labelled, files, extensi
     assert rows_of_export(tmp_path / "ours.labels.csv") == [
         line.split(",") for line in (out / "walk.labels.csv").read_text().splitlines()[1:]
     ]
-    bpy.ops.mocap_autolabel.remove_correction(index=0)
+    press("remove_correction", index=0)
     follows(files, "LKNE", files.names.index("LKNE"))
 
 
@@ -239,7 +237,7 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
     scene.frame_set(500)
     refused("the current frame is 500; expected one of the take, 101 to 130", "unlabel")
     scene.frame_set(120)
-    bpy.ops.mocap_autolabel.pick(point=GHOST)
+    press("pick", point=GHOST)
     refused(f"trajectory {GHOST} has no name in the take; expected", "unlabel")
     assert "mocap_edits" not in collection
     scene.mocap_autolabel.take = None
@@ -253,13 +251,12 @@ def test_an_export_without_the_name_of_a_file_is_one_sentence(labelled):
 
 def test_the_page_of_a_take_says_what_was_said_of_it(labelled, files, tmp_path):
     choose("LKNE", "RKNE")
-    bpy.ops.mocap_autolabel.swap_markers(scope="ON")
+    press("swap_markers", scope="ON")
     path = tmp_path / "walk.report.html"
-    assert bpy.ops.mocap_autolabel.export_report(filepath=str(path), open_after=False) == {"FINISHED"}
-    page = read_page(path.read_text(encoding="utf-8"))
-    said = " ".join(" ".join(page.said).split())
+    press("export_report", filepath=path, open_after=False)
+    page = read_page(path)
     for words in ("LKNE and RKNE swapped, frames 120–130", "points named", f"{len(files.names)} markers", "by hand"):
-        assert words in said, words
+        assert words in page.words, words
     strips = [each.get("aria-label", "") for tag, each in page.found if tag == "svg"]
     assert any(label.startswith("LKNE: ") and "edited " in label for label in strips)
 
@@ -268,19 +265,19 @@ def test_what_was_listed_or_picked_in_another_scene_is_not_changed_in_this_one(l
     """As in two windows that show a scene each: the lists and what is picked are of the one that was used last."""
     assert bpy.context.scene.name == "Scene"
     choose("LKNE", "RKNE")
-    bpy.ops.mocap_autolabel.swap_markers()
+    press("swap_markers")
     bpy.ops.scene.new(type="NEW")
     label_walk(files.folder)
-    state = bpy.context.window_manager.mocap_autolabel
+    state = session()
     refused("Nothing was corrected", "remove_correction")
     bpy.context.window.scene = bpy.data.scenes["Scene"]
     assert bpy.ops.mocap_autolabel.remove_correction.poll() and not len(state.corrections)
     bpy.context.window.scene = bpy.data.scenes["Scene.001"]
     choose("LANK", "RANK")
-    bpy.ops.mocap_autolabel.swap_markers()
+    press("swap_markers")
     state.left_gaps.add()
     bpy.context.scene.frame_set(120)
-    bpy.ops.mocap_autolabel.pick(point=GHOST)
+    press("pick", point=GHOST)
     bpy.context.window.scene = bpy.data.scenes["Scene"]
     choose()
     refused("nothing is selected", "name_point", marker="LKNE")
@@ -291,5 +288,5 @@ def test_what_was_listed_or_picked_in_another_scene_is_not_changed_in_this_one(l
         state.of_scene = 0
         refused("another scene's; expected a choice in this one's", name, **given)
     assert len(stored_take().edits) == 1 and not len(state.left_gaps)
-    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    press("remove_correction", index=0)
     assert not len(stored_take().edits)

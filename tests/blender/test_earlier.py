@@ -19,7 +19,7 @@ from addon.io.models import open_model, write_model
 from addon.io.points import read_points
 from scripts.keep_version import EARLIER, FEW, MODEL
 
-from .hands import choose, ours, reopen, stored_take
+from .hands import choose, ours, press, reopen, stored_take
 
 VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
 
@@ -71,14 +71,14 @@ def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, tmp_
     before = stored_take()
     bpy.context.scene.frame_set(3)
     choose("LASI")
-    assert bpy.ops.mocap_autolabel.unlabel(scope="FRAME") == {"FINISHED"}
+    press("unlabel", scope="FRAME")
     assert len(stored_take().edits) == take["edits"] + 1
     assert np.isnan(stored_take().unfilled.markers[2, before.names.index("LASI")]).all()
     filling = bpy.context.scene.mocap_autolabel.filling
     filling.method, filling.use_longest = "auto", False
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    press("fill_gaps", extent="TAKE")
     assert ["LASI", 3, 3] in [[fill.marker, fill.first, fill.last] for fill in stored_take().fitting]
-    assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
+    press("smooth")
     for ending, export in (("labels.csv", "labels"), ("c3d", "c3d"), ("trc", "trc"), ("html", "report")):
         operator = getattr(bpy.ops.mocap_autolabel, f"export_{export}")
         assert operator(filepath=str(tmp_path / f"walk.{ending}")) == {"FINISHED"}

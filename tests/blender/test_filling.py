@@ -12,7 +12,21 @@ from addon.io.points import read_points
 from addon.scene.take import show_take
 from tests.io.pages import read
 
-from .hands import FRAMES, GHOST, choose, follows, keys_of, labelled_by_job, ours, refused, reopen, shown, stored_take
+from .hands import (
+    FRAMES,
+    GHOST,
+    choose,
+    follows,
+    keys_of,
+    labelled_by_job,
+    ours,
+    press,
+    refused,
+    reopen,
+    session,
+    shown,
+    stored_take,
+)
 
 GAP = slice(FRAMES // 3, FRAMES // 2)  # of RASI, and all are lost in two frames before
 HERE = 101 + GAP.start + 2
@@ -27,7 +41,7 @@ def kinds_of(name: str) -> dict[int, str]:
 
 def rows() -> list[tuple]:
     """The list of fills in the sidebar."""
-    return [(row.name, row.first, row.last, row.reason) for row in bpy.context.window_manager.mocap_autolabel.fills]
+    return [(row.name, row.first, row.last, row.reason) for row in session().fills]
 
 
 @pytest.fixture
@@ -36,7 +50,7 @@ def filled(labelled):
     labelled.scene.mocap_autolabel.filling.method = "rigid"
     choose("RASI")
     labelled.scene.frame_set(HERE)
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="GAP") == {"FINISHED"}
+    press("fill_gaps", extent="GAP")
     return labelled
 
 
@@ -47,16 +61,16 @@ def test_a_gap_is_filled_and_its_keys_are_marked(filled, files):
     assert set(kinds.values()) == {"GENERATED", "KEYFRAME"}
     keys = keys_of("RASI")
     assert np.linalg.norm(np.diff(keys[:, 1:], axis=0), axis=1).max() < 0.2, "it goes where the markers beside it go"
-    row = next(row for row in bpy.context.window_manager.mocap_autolabel.markers if row.name == "RASI")
+    row = next(row for row in session().markers if row.name == "RASI")
     assert row.labelled == pytest.approx(np.isfinite(files.xyz[:, 2, 0]).mean()), "what is filled was not found"
 
 
 def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
-    state, number = labelled.window_manager.mocap_autolabel, files.names.index("RASI")
+    state, number = session(), files.names.index("RASI")
     labelled.scene.mocap_autolabel.filling.method = "spline"
     refused("No fill is previewed", "keep_fills")
     before = keys_of("RASI")
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE", propose=True) == {"FINISHED"}
+    press("fill_gaps", extent="TAKE", propose=True)
     asked = [(row.name, row.first, row.last) for row in state.proposed_fills]
     assert ("RASI", 101 + GAP.start, 100 + GAP.stop) in asked
     assert (rows(), len(keys_of("RASI"))) == ([], len(before)), "nothing is filled yet"
@@ -64,44 +78,44 @@ def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
     assert sum(last - first + 1 for first, last in gaps) == np.isnan(files.xyz[:, number, 0]).sum()
     assert [101 + GAP.start, 100 + GAP.stop] in gaps.tolist()
     at = asked.index(("RASI", 101 + GAP.start, 100 + GAP.stop))
-    assert bpy.ops.mocap_autolabel.keep_fills(index=at) == {"FINISHED"}
+    press("keep_fills", index=at)
     assert [row[:3] for row in rows()] == [asked[at]]
     assert [(row.name, row.first, row.last) for row in state.proposed_fills] == [*asked[:at], *asked[at + 1 :]]
-    assert bpy.ops.mocap_autolabel.discard_fills() == {"FINISHED"}
+    press("discard_fills")
     assert (len(state.proposed_fills), len(rows())) == (0, 1)
 
 
 def test_a_preview_is_there_again_once_keeping_it_is_undone_and_beside_another_take(labelled, files):
     def listed() -> list[int]:
-        state = bpy.context.window_manager.mocap_autolabel
+        state = session()
         return [len(state.proposed_fills), len(state.fills)]
 
-    bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE", propose=True)
+    press("fill_gaps", extent="TAKE", propose=True)
     bpy.ops.ed.undo_push(message="Previewed")
     count, _ = listed()
-    bpy.ops.mocap_autolabel.keep_fills()
+    press("keep_fills")
     bpy.ops.ed.undo_push(message="Kept")
     assert listed() == [0, count]
     bpy.ops.ed.undo()
     assert listed() == [count, 0]
     take = bpy.context.scene.mocap_autolabel.take
-    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
-    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
+    press("import_points", filepath=files.folder / "walk.c3d")
+    press("import_points", filepath=files.folder / "walk.c3d")
     bpy.context.scene.mocap_autolabel.take = take
     bpy.context.scene.frame_set(HERE)
     ours("props").refresh_review(bpy.context.window_manager, bpy.context.scene)
     assert listed() == [count, 0]
-    bpy.ops.mocap_autolabel.keep_fills()
-    bpy.ops.mocap_autolabel.take_back_fills(extent="TAKE")
+    press("keep_fills")
+    press("take_back_fills", extent="TAKE")
     assert listed() == [0, 0]
 
 
 def test_what_is_filled_is_not_previewed_any_more(labelled):
-    state = labelled.window_manager.mocap_autolabel
+    state = session()
     choose("RASI")
     for propose, extent in ((True, "TAKE"), (False, "MARKER")):
         before = len(state.proposed_fills)
-        assert bpy.ops.mocap_autolabel.fill_gaps(extent=extent, propose=propose) == {"FINISHED"}
+        press("fill_gaps", extent=extent, propose=propose)
     assert len(state.proposed_fills) == before - len(rows()) > 0
     assert "RASI" not in {row.name for row in state.proposed_fills}
 
@@ -133,7 +147,7 @@ def test_curves_are_of_what_is_seen(labelled, files, monkeypatch, left, scale, s
 
 def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):
     column = files.names.index("RASI")
-    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d")) == {"FINISHED"}
+    press("export_c3d", filepath=files.folder / "ours.c3d")
     take = read_points(files.folder / "ours.c3d")
     residual = take.residual[:, take.names.index("RASI")]
     measured = np.isfinite(files.xyz[:, column, 0])
@@ -145,10 +159,10 @@ def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):
     told = (files.folder / "ours.filled.csv").read_text().splitlines()
     assert told[0] == "marker,first,last,method,expected_mm"
     assert told[1].startswith(f"RASI,{101 + GAP.start},{100 + GAP.stop},rigid,")
-    bpy.ops.mocap_autolabel.export_trc(filepath=str(files.folder / "trc.trc"))
+    press("export_trc", filepath=files.folder / "trc.trc")
     assert (files.folder / "trc.filled.csv").read_text().splitlines() == told
-    bpy.ops.mocap_autolabel.take_back_fills(extent="TAKE")
-    bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d"))
+    press("take_back_fills", extent="TAKE")
+    press("export_c3d", filepath=files.folder / "ours.c3d")
     assert (files.folder / "ours.filled.csv").read_text().splitlines() == told[:1], "the old list would lie"
 
 
@@ -156,9 +170,9 @@ def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):
 def test_fills_are_taken_back(filled, extent):
     before = keys_of("RASI")
     filled.scene.mocap_autolabel.filling.method = "spline"
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    press("fill_gaps", extent="TAKE")
     assert len(rows()) > 10, "all markers were lost in two frames"
-    assert bpy.ops.mocap_autolabel.take_back_fills(extent=extent) == {"FINISHED"}
+    press("take_back_fills", extent=extent)
     left = [row for row in rows() if row[0] == "RASI"]
     assert len(left) == (1 if extent == "GAP" else 0)
     assert (len(rows()) == 0) == (extent == "TAKE")
@@ -167,7 +181,7 @@ def test_fills_are_taken_back(filled, extent):
 
 def test_undo_and_files_keep_them(filled, files):
     bpy.ops.ed.undo_push(message="Filled")
-    bpy.ops.mocap_autolabel.take_back_fills(index=0)
+    press("take_back_fills", index=0)
     assert rows() == []
     bpy.ops.ed.undo_push(message="Taken back")
     bpy.ops.ed.undo()
@@ -177,16 +191,16 @@ def test_undo_and_files_keep_them(filled, files):
     reopen(files.folder / "walk.blend")
     assert len(rows()) == 1
     choose("LKNE", "RKNE")
-    assert bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE") == {"FINISHED"}
+    press("swap_markers", scope="WHOLE")
     assert rows()[0][3] == ""
     np.testing.assert_array_equal(keys_of("RASI"), keys)
-    bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "again.c3d"))
+    press("export_c3d", filepath=files.folder / "again.c3d")
     assert (read_points(files.folder / "again.c3d").residual == 0).sum() == len(range(30)[GAP])
 
 
 def test_labelling_again_keeps_them(filled):
     keys = keys_of("RASI")
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert [row[3] for row in rows()] == [""]
     np.testing.assert_array_equal(keys_of("RASI"), keys)
     assert "GENERATED" in kinds_of("RASI").values()
@@ -195,10 +209,10 @@ def test_labelling_again_keeps_them(filled):
 def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measured(filled, files, extension):
     settings = filled.scene.mocap_autolabel
     settings.filling.cutoff = 5.0
-    assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
+    press("smooth")
     keys = keys_of("RASI")
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 125
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert rows() == [("RASI", 101 + GAP.start, 100 + GAP.stop, "")]
     np.testing.assert_allclose(keys_of("RASI"), keys, atol=1e-5)
     measured = stored_take().unfilled.markers[:, files.names.index("RASI")]
@@ -208,12 +222,12 @@ def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measu
 def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_back(filled):
     keys = keys_of("RASI")
     choose()
-    assert bpy.ops.mocap_autolabel.pick(point=GHOST) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.name_point(marker="RASI", scope="FRAME") == {"FINISHED"}
+    press("pick", point=GHOST)
+    press("name_point", marker="RASI", scope="FRAME")
     assert "named in some of its frames now" in rows()[0][3]
     assert "GENERATED" not in kinds_of("RASI").values()
     assert len(keys_of("RASI")) == len(keys) - len(range(30)[GAP]) + 1
-    assert bpy.ops.mocap_autolabel.clear_corrections() == {"FINISHED"}
+    press("clear_corrections")
     np.testing.assert_array_equal(keys_of("RASI"), keys)
     assert rows()[0][3] == ""
 
@@ -225,7 +239,7 @@ def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, e
     assert [stored.names[index] for index in np.flatnonzero(seen.filled)] == ["RASI"]
     assert np.isfinite(seen.named[seen.filled]).all()
     table = files.folder / "ours.labels.csv"
-    bpy.ops.mocap_autolabel.export_labels(filepath=str(table))
+    press("export_labels", filepath=table)
     assert sum("RASI" in line for line in table.read_text().splitlines()) == np.isfinite(files.xyz[:, 2, 0]).sum()
 
 
@@ -249,7 +263,7 @@ def test_a_take_of_blobs_is_filled_too(extension, empty, made):
     empty.scene.mocap_autolabel.take = show_take(empty, made.take(40))
     empty.scene.mocap_autolabel.filling.method = "rigid"
     choose("RASI")
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="MARKER") == {"FINISHED"}
+    press("fill_gaps", extent="MARKER")
     assert {row[0] for row in rows()} == {"RASI"}
     assert "GENERATED" in kinds_of("RASI").values()
 
@@ -262,14 +276,14 @@ def test_what_cannot_be_filled_is_one_sentence(labelled):
     refused("Nothing was filled", "take_back_fills")
     settings.filling.use_longest, settings.filling.longest = True, 1
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"CANCELLED"}
-    assert {row.reason for row in labelled.window_manager.mocap_autolabel.left_gaps} == {"is longer than 1 frames"}
+    assert {row.reason for row in session().left_gaps} == {"is longer than 1 frames"}
     settings.filling.use_longest, settings.filling.method = False, "body"
     settings.subjects.markerset, settings.subjects.markerset_path = "FILE", ""
     refused("is not the take's; expected", "fill_gaps", extent="TAKE")
     labelled.scene.frame_set(110)
     choose("LKNE")
     settings.filling.method = "spline"
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    press("fill_gaps", extent="TAKE")
     choose("LKNE")
     refused("nothing that was filled is there; expected", "take_back_fills", extent="GAP")
 
@@ -281,7 +295,7 @@ def test_the_command_lines_fills_are_marked_in_its_blender_file(labelled, files,
     assert all(row[3] == "" for row in rows())
     frames = [frame for frame, kind in kinds_of("RASI").items() if kind == "GENERATED"]
     assert set(range(101 + GAP.start, 101 + GAP.stop)) <= set(frames)
-    bpy.ops.mocap_autolabel.export_c3d(filepath=str(out / "ours.c3d"))
+    press("export_c3d", filepath=out / "ours.c3d")
     ours, theirs = (read_points(out / name) for name in ("ours.c3d", "walk.c3d"))
     np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-5)
     np.testing.assert_array_equal(ours.residual == 0, theirs.residual == 0)
@@ -292,7 +306,7 @@ def test_a_corrected_take_is_the_one_that_is_read_again(filled):
     opened.forget()
     before = stored_take()
     choose("RASI", "LASI")
-    assert bpy.ops.mocap_autolabel.swap_markers(scope="FRAME") == {"FINISHED"}
+    press("swap_markers", scope="FRAME")
     after = stored_take()
     assert after is not before
     opened.forget()
@@ -319,24 +333,24 @@ def is_smooth(files, name: str):
 def calm(labelled):
     """The take smoothed."""
     labelled.scene.mocap_autolabel.filling.cutoff = CUTOFF
-    assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
+    press("smooth")
     return labelled
 
 
 def test_keys_and_exports_are_smooth_and_labels_stay(calm, files):
     is_smooth(files, "LWRA")
-    bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d"))
+    press("export_c3d", filepath=files.folder / "ours.c3d")
     take = read_points(files.folder / "ours.c3d")
     wanted = smoothed(files.xyz, RATE, CUTOFF)[:, files.names.index("LWRA")]
     np.testing.assert_allclose(take.xyz[:, take.names.index("LWRA")], wanted, atol=1e-5)
     assert not (take.residual == 0).any(), "smoothed is measured still"
     page = files.folder / "walk.report.html"
-    assert bpy.ops.mocap_autolabel.export_report(filepath=str(page), open_after=False) == {"FINISHED"}
-    said = " ".join(" ".join(read(page.read_text(encoding="utf-8")).said).split())
+    press("export_report", filepath=page, open_after=False)
+    said = read(page).words
     raw = files.xyz[:, files.names.index("LWRA")]
     there, changed = (int(flags.all(axis=1).sum()) for flags in (np.isfinite(raw), np.abs(wanted - raw) > 0))
     assert f"LWRA {there} 0 {len(raw) - there} {changed} 0 " in said.partition("Where every sample is from")[2]
-    assert bpy.ops.mocap_autolabel.take_back_smoothing() == {"FINISHED"}
+    press("take_back_smoothing")
     follows(files, "LWRA", files.names.index("LWRA"))
     refused("Nothing is smoothed", "take_back_smoothing")
 
@@ -344,10 +358,10 @@ def test_keys_and_exports_are_smooth_and_labels_stay(calm, files):
 def test_it_is_kept_through_files_corrections_and_labelling_again(calm, files):
     reopen(str(files.folder / "walk.blend"))
     choose("LKNE", "RKNE")
-    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
-    bpy.ops.mocap_autolabel.clear_corrections()
+    press("swap_markers", scope="WHOLE")
+    press("clear_corrections")
     is_smooth(files, "LKNE")
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     is_smooth(files, "LKNE")
 
 
@@ -355,11 +369,11 @@ def test_fills_are_made_of_what_was_measured(calm, files):
     calm.scene.mocap_autolabel.filling.method = "rigid"
     choose("RASI")
     calm.scene.frame_set(112)
-    bpy.ops.mocap_autolabel.fill_gaps(extent="GAP")
-    [row] = calm.window_manager.mocap_autolabel.fills
+    press("fill_gaps", extent="GAP")
+    [row] = session().fills
     assert row.reason == ""
-    bpy.ops.mocap_autolabel.take_back_smoothing()
-    assert [row.reason for row in calm.window_manager.mocap_autolabel.fills] == [""]
+    press("take_back_smoothing")
+    assert [row.reason for row in session().fills] == [""]
 
 
 def test_a_cut_off_that_cannot_be_is_one_sentence(labelled):

@@ -14,7 +14,20 @@ from addon.io.edits import read_edits
 from addon.io.points import read_points
 
 from .conftest import open_room, write_room
-from .hands import bones, choose, keys_of, ours, picked, refused, reopen, rows_of_export, shown, stored_take
+from .hands import (
+    bones,
+    choose,
+    keys_of,
+    ours,
+    picked,
+    press,
+    refused,
+    reopen,
+    rows_of_export,
+    session,
+    shown,
+    stored_take,
+)
 
 FRAMES, LOST = 30, "RKNE"
 
@@ -45,7 +58,7 @@ def labelled(extension, empty, files, made, monkeypatch):
     (files.folder / "walk.edits.json").unlink(missing_ok=True)
     open_room(files)
     empty.scene.mocap_autolabel.labelling.occlusion = "capsules"
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     empty.scene.frame_set(115)
     return empty
 
@@ -56,16 +69,16 @@ def row_of(files, name: str, camera: int, frame: int = 115) -> int:
     return int(np.flatnonzero(own & (files.seen.frame == frame - 101))[0])
 
 
-def cameras_that_see(files, name: str, frame: int = 115) -> list[int]:
-    own = (files.truth.marker == files.names.index(name)) & (files.seen.frame == frame - 101)
+def cameras_that_see(files, name: str) -> list[int]:
+    own = (files.truth.marker == files.names.index(name)) & (files.seen.frame == 115 - 101)
     return files.seen.camera[own].tolist()
 
 
 def name_in_two(files, scope: str = "FRAME"):
     """Names the lost marker's blob in two cameras."""
     for camera in cameras_that_see(files, LOST)[:2]:
-        bpy.ops.mocap_autolabel.pick(point=row_of(files, LOST, camera))
-        assert bpy.ops.mocap_autolabel.name_point(marker=LOST, scope=scope) == {"FINISHED"}
+        press("pick", point=row_of(files, LOST, camera))
+        press("name_point", marker=LOST, scope=scope)
 
 
 @pytest.mark.parametrize(("most", "foreseen"), [(29, 1e9), (59, 1)])
@@ -87,20 +100,20 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_as_soon_as_that_is_k
 
 def test_a_marker_that_is_named_in_two_cameras_is_in_space_at_once(labelled, files):
     first, second = cameras_that_see(files, LOST)[:2]
-    bpy.ops.mocap_autolabel.pick(point=row_of(files, LOST, first))
-    bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="FRAME")
+    press("pick", point=row_of(files, LOST, first))
+    press("name_point", marker=LOST, scope="FRAME")
     assert len(keys_of(LOST)) == 0, "one camera makes a ray, no point"
-    bpy.ops.mocap_autolabel.pick(point=row_of(files, LOST, second))
-    bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="FRAME")
+    press("pick", point=row_of(files, LOST, second))
+    press("name_point", marker=LOST, scope="FRAME")
     [key] = keys_of(LOST)
     truth = files.motion.expected[14, files.names.index(LOST)]
     assert key[0] == 115
     np.testing.assert_allclose(key[1:], truth, atol=1e-4)
     np.testing.assert_allclose(shown()[LOST].matrix_world.translation, truth, atol=1e-4)
-    words = [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections]
+    words = [row.name for row in session().corrections]
     assert len(words) == 2 and all("RKNE is the blob at" in one and one.endswith("frame 115") for one in words)
     assert (stored_take().labels.step == BY_EDIT).sum() == 2
-    bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d"))
+    press("export_c3d", filepath=files.folder / "ours.c3d")
     take = read_points(files.folder / "ours.c3d")
     assert np.flatnonzero(np.isfinite(take.xyz[:, take.names.index(LOST)][:, 0])).tolist() == [14]
     assert sum(row[4:6] == [LOST, "edit"] for row in rows_of_export(files.folder / "ours.labels.csv")) == 2
@@ -114,7 +127,7 @@ def test_a_name_holds_along_the_track_of_the_blob(labelled, files):
     np.testing.assert_allclose(keys[:, 1:], truth, atol=1e-3)
     assert (files.truth.marker[stored_take().labels.step == BY_EDIT] == files.names.index(LOST)).all()
     for scope, wanted in (("ON", slice(14, None)), ("BACK", slice(None, 15))):
-        bpy.ops.mocap_autolabel.clear_corrections()
+        press("clear_corrections")
         name_in_two(files, scope)
         frames = keys_of(LOST)[:, 0].astype(int) - 101
         assert set(frames) <= set(np.arange(FRAMES)[wanted].tolist())
@@ -127,43 +140,43 @@ def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, 
     reopen(tmp_path / "take.blend")
     # What the sidebar and the exports go by was read while the file was being opened.
     np.testing.assert_allclose(stored_take().motion.markers[14, files.names.index(LOST)], place[1:], atol=1e-5)
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     np.testing.assert_allclose(keys_of(LOST), [place], atol=1e-4)
     assert len(stored_take().edits) == 2
-    bpy.ops.mocap_autolabel.remove_correction(index=1)
+    press("remove_correction", index=1)
     assert len(keys_of(LOST)) == 0, "without it the marker is gone, also from a take that was labelled with it"
     bpy.context.scene.frame_set(115)
-    bpy.ops.mocap_autolabel.pick(point=row_of(files, "C7", 0))
+    press("pick", point=row_of(files, "C7", 0))
     before = keys_of("C7")
-    bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
-    bpy.ops.mocap_autolabel.remove_correction(index=1)
+    press("unlabel", scope="FRAME")
+    press("remove_correction", index=1)
     np.testing.assert_allclose(keys_of("C7"), before, atol=2e-4)
 
 
 def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
     row, other = row_of(files, "LANK", 1), row_of(files, "LKNE", 1)
-    bpy.ops.mocap_autolabel.pick(point=row)
+    press("pick", point=row)
     assert [item.name for item in bpy.context.selected_objects] == ["LANK"]
-    bpy.ops.mocap_autolabel.pick(point=other, mode="TOGGLE")
+    press("pick", point=other, mode="TOGGLE")
     assert picked() == [row, other]
     refused("2 blobs of cam 1 are picked; expected one of each camera", "name_point", marker="C7", scope="FRAME")
-    bpy.ops.mocap_autolabel.swap_markers(scope="FRAME")
+    press("swap_markers", scope="FRAME")
     labels = stored_take().labels.marker
     assert (files.names[labels[row]], files.names[labels[other]]) == ("LKNE", "LANK")
-    bpy.ops.mocap_autolabel.clear_corrections()
-    bpy.ops.mocap_autolabel.pick(point=row)
-    bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
-    bpy.ops.mocap_autolabel.pick(point=other)
-    bpy.ops.mocap_autolabel.no_marker(scope="FRAME")
+    press("clear_corrections")
+    press("pick", point=row)
+    press("unlabel", scope="FRAME")
+    press("pick", point=other)
+    press("no_marker", scope="FRAME")
     labels = stored_take().labels.marker
     assert (labels[[row, other]] == NO_MARKER).all()
-    bpy.ops.mocap_autolabel.save_corrections()
+    press("save_corrections")
     assert [type(edit) for edit in read_edits(files.folder / "walk.edits.json")] == [UnlabelBlob, DeleteBlob]
 
 
 def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
     module = ours("ops.picking")
-    bpy.ops.mocap_autolabel.pick(point=row_of(files, "LANK", 1))
+    press("pick", point=row_of(files, "LANK", 1))
     for frame in (116, 114):
         bpy.context.scene.frame_set(frame)
         assert module.picked_points(bpy.context) == [row_of(files, "LANK", 1, frame)]
@@ -195,7 +208,7 @@ def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extensi
     module = ours("ops.picking")
     scene, size = labelled.scene, (656, 491)
     camera = scene.mocap_autolabel.source.cameras.objects[1]
-    assert bpy.ops.mocap_autolabel.look_through(camera=camera.name) == {"FINISHED"}
+    press("look_through", camera=camera.name)
     pixel = {"scale_x": scene.render.pixel_aspect_x, "scale_y": scene.render.pixel_aspect_y}
     lens = camera.calc_matrix_camera(labelled.evaluated_depsgraph_get(), x=size[0], y=size[1], **pixel)
     view = SimpleNamespace(
@@ -220,13 +233,13 @@ def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extensi
 
 
 def test_markers_of_blobs_are_placed_and_answered(labelled, files):
-    assert bpy.ops.mocap_autolabel.place_marker(marker=LOST, location=(0.1, 0.2, 0.5)) == {"FINISHED"}
+    press("place_marker", marker=LOST, location=(0.1, 0.2, 0.5))
     [key] = keys_of(LOST)
     np.testing.assert_allclose(key, (115, 0.1, 0.2, 0.5), atol=1e-6)
     choose("C7")
-    bpy.ops.mocap_autolabel.is_right(scope="WHOLE")
+    press("is_right", scope="WHOLE")
     choose("LANK")
-    bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
+    press("unlabel", scope="FRAME")
     assert 115 not in keys_of("LANK")[:, 0]
     edits = stored_take().edits
     assert [type(edit).__name__ for edit in edits.items[:2]] == ["Place", "Right"]
@@ -239,10 +252,10 @@ def test_the_body_follows_where_the_labels_are_others(labelled):
     """Elsewhere it rests on rays, which labelling alone follows; only its size is that of all frames."""
     before, kept = bones(), stored_take().motion.joints[:14]
     choose("LWRA", "LKNE")
-    assert bpy.ops.mocap_autolabel.swap_markers(scope="ON") == {"FINISHED"}
+    press("swap_markers", scope="ON")
     now = bones()
     np.testing.assert_array_equal(stored_take().motion.joints[:14], kept)
     np.testing.assert_allclose(now[:14, :, :3, 3], before[:14, :, :3, 3], atol=0.02)
     assert np.abs(now[14:] - before[14:]).max() > 0.1
-    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    press("remove_correction", index=0)
     assert np.median(np.abs(bones()[14:, :, :3, 3] - before[14:, :, :3, 3])) < 0.01

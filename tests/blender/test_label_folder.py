@@ -15,7 +15,7 @@ from addon.io.batch import read_table
 from addon.scene.take import is_take
 
 from .conftest import write_room
-from .hands import ours, refused
+from .hands import ours, press, refused, session
 
 PATIENCE = 120.0  # s; a busy machine labels slowly
 
@@ -31,11 +31,10 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture
-def ready(extension, empty, files, tmp_path):
+def ready(empty, settings, files, tmp_path):
     """A scene in which only the button is left to press."""
-    settings = empty.scene.mocap_autolabel
-    bpy.ops.mocap_autolabel.import_cameras(filepath=str(files / "room.toml"))
-    bpy.ops.mocap_autolabel.open_markerset(filepath=str(files / "small.markerset.json"))
+    press("import_cameras", filepath=files / "room.toml")
+    press("open_markerset", filepath=files / "small.markerset.json")
     settings.folder.path, settings.folder.out = str(files / "in"), str(tmp_path / "out")
     settings.source.rate = 60.0
     module = ours("ops.label_folder")
@@ -43,30 +42,26 @@ def ready(extension, empty, files, tmp_path):
     module.leave_batch()
 
 
-def state():
-    return bpy.context.window_manager.mocap_autolabel
-
-
 def test_a_folder_is_labelled_and_its_takes_opened(ready):
-    assert bpy.ops.mocap_autolabel.label_folder() == {"FINISHED"}
-    rows = [(row.name, row.state, row.measured) for row in state().folder_takes]
+    press("label_folder")
+    rows = [(row.name, row.state, row.measured) for row in session().folder_takes]
     assert rows == [("bad", "failed", False), ("walk", "labelled", True)]
-    assert "holds neither blobs nor 3D points" in state().folder_takes[0].reason
-    assert (state().folder_doing, state().folder_trouble) == ("", "")
+    assert "holds neither blobs nor 3D points" in session().folder_takes[0].reason
+    assert (session().folder_doing, session().folder_trouble) == ("", "")
     assert (ready.out / "walk.report.html").is_file()
     refused("is not there; expected a take that Label Folder labelled", "open_folder_take", index=0)
     refused("no take is chosen", "open_folder_take", index=5)
-    assert bpy.ops.mocap_autolabel.open_folder_take(index=1) == {"FINISHED"}
+    press("open_folder_take", index=1)
     assert is_take(bpy.context.scene.mocap_autolabel.take)
-    assert [row.name for row in state().folder_takes] == ["bad", "walk"]
+    assert [row.name for row in session().folder_takes] == ["bad", "walk"]
 
 
 def test_where_all_takes_are_labelled_nothing_is_said(ready, files, tmp_path):
     (tmp_path / "alone").mkdir()
     shutil.copy(files / "in" / "walk.csv", tmp_path / "alone")
     ready.settings.folder.path = str(tmp_path / "alone")
-    assert bpy.ops.mocap_autolabel.label_folder() == {"FINISHED"}
-    assert ([row.state for row in state().folder_takes], state().folder_trouble) == (["labelled"], "")
+    press("label_folder")
+    assert ([row.state for row in session().folder_takes], session().folder_trouble) == (["labelled"], "")
 
 
 def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(ready, files):
@@ -81,16 +76,16 @@ def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(rea
     module._latest[:] = [batch]
     assert not bpy.ops.mocap_autolabel.label_folder.poll()
     until = time.monotonic() + PATIENCE
-    while state().folder_doing != "2 of 2 takes, 1 failed":
+    while session().folder_doing != "2 of 2 takes, 1 failed":
         assert module.follow() == module.FOLLOWED_EVERY
         assert time.monotonic() < until
         time.sleep(0.05)
-    assert state().folder_share == 1.0
-    assert bpy.ops.mocap_autolabel.stop_folder() == {"FINISHED"}
+    assert session().folder_share == 1.0
+    press("stop_folder")
     while module.follow() is not None:
         assert time.monotonic() < until
         time.sleep(0.05)
-    assert (state().folder_doing, state().folder_trouble, module.follow()) == ("", "", None)
+    assert (session().folder_doing, session().folder_trouble, module.follow()) == ("", "", None)
     assert [row.state for row in read_table(table)] == ["failed", "labelled"]
     assert bpy.ops.mocap_autolabel.label_folder.poll()
 
@@ -115,4 +110,4 @@ def test_what_stops_a_folder_is_said(ready, files, tmp_path):
     ready.out.mkdir()
     shutil.copy(files / "in" / "walk.csv", ready.out / "summary.csv")
     refused("exists already", "label_folder")
-    assert "exists already" in state().folder_trouble
+    assert "exists already" in session().folder_trouble

@@ -21,7 +21,7 @@ from addon.scene import picking
 from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
-from .hands import GHOST, choose, follows, keys_of, ours, picked, stored_take
+from .hands import GHOST, choose, follows, keys_of, ours, picked, press, session, stored_take
 
 
 @pytest.fixture
@@ -144,34 +144,34 @@ def test_a_place_on_a_ray_is_as_deep_as_what_is_near():
 
 def test_pieces_are_added_and_joined_but_not_two_of_one_frame(labelled, files):
     knee, ankle = files.names.index("LKNE"), files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick(point=knee)
-    bpy.ops.mocap_autolabel.pick(point=ankle, mode="TOGGLE")
+    press("pick", point=knee)
+    press("pick", point=ankle, mode="TOGGLE")
     assert picked() == [knee, ankle]
     assert {item.name for item in bpy.context.selected_objects} == {"LKNE", "LANK"}
     with pytest.raises(
         RuntimeError, match="2 points are picked, several of them in frame 101; expected one, or pieces"
     ):
-        bpy.ops.mocap_autolabel.name_point(marker="LKNE")
-    bpy.ops.mocap_autolabel.pick(point=knee, mode="TOGGLE")
+        press("name_point", marker="LKNE")
+    press("pick", point=knee, mode="TOGGLE")
     assert picked() == [ankle]
-    bpy.ops.mocap_autolabel.pick_none()
+    press("pick_none")
     assert (picked(), bpy.context.selected_objects) == ([], [])
 
 
 def test_what_was_selected_since_counts_more_than_what_was_picked(labelled, files):
-    bpy.ops.mocap_autolabel.pick(point=GHOST)
+    press("pick", point=GHOST)
     choose("LKNE")
-    bpy.ops.mocap_autolabel.unlabel()
+    press("unlabel")
     assert len(keys_of("LKNE")) == 0
-    [row] = bpy.context.window_manager.mocap_autolabel.corrections
+    [row] = session().corrections
     assert row.name == f"Trajectory {files.names.index('LKNE')} has no name, all frames"
 
 
 def test_a_dot_stays_picked_by_whatever_it_is_called(labelled, files):
     ankle = files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick(point=ankle)
+    press("pick", point=ankle)
     bpy.ops.ed.undo_push(message="Before")
-    bpy.ops.mocap_autolabel.name_point(marker="RANK", scope="WHOLE")
+    press("name_point", marker="RANK", scope="WHOLE")
     assert [item.name for item in bpy.context.selected_objects] == ["RANK"]
     bpy.ops.ed.undo_push(message="Name")
     bpy.ops.ed.undo()
@@ -182,25 +182,25 @@ def test_a_dot_stays_picked_by_whatever_it_is_called(labelled, files):
 
 def test_what_is_no_marker_gets_no_name(labelled, files):
     ankle = files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick(point=ankle)
-    assert bpy.ops.mocap_autolabel.no_marker(scope="ON") == {"FINISHED"}
+    press("pick", point=ankle)
+    press("no_marker", scope="ON")
     follows(files, "LANK", ankle, slice(0, 19))
     assert keys_of("LANK")[-1, 0] == 119
-    bpy.ops.mocap_autolabel.save_corrections()
+    press("save_corrections")
     assert read_edits(files.edits).items == (Delete(ankle, frames=(120, 130)),)
 
 
 def test_a_marker_that_is_placed_is_there_and_can_be_taken_back(labelled, files):
     gap = int(np.flatnonzero(np.isnan(files.xyz[:, 2, 0]))[-1])
     labelled.scene.frame_set(101 + gap)
-    assert bpy.ops.mocap_autolabel.place_marker(marker="RASI", location=(0.1, 0.2, 0.5)) == {"FINISHED"}
+    press("place_marker", marker="RASI", location=(0.1, 0.2, 0.5))
     assert [item.name for item in bpy.context.selected_objects] == ["RASI"]
     [key] = [key for key in keys_of("RASI") if key[0] == 101 + gap]
     np.testing.assert_allclose(key[1:], (0.1, 0.2, 0.5), atol=1e-6)
-    bpy.ops.mocap_autolabel.save_corrections()
+    press("save_corrections")
     [edit] = read_edits(files.edits).items
     assert (type(edit), edit.marker, edit.frame) == (Place, "RASI", 101 + gap)
-    bpy.ops.mocap_autolabel.remove_correction(index=0)
+    press("remove_correction", index=0)
     assert 101 + gap not in keys_of("RASI")[:, 0]
 
 

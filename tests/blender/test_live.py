@@ -4,6 +4,7 @@
 import json
 import sys
 import time
+from contextlib import contextmanager
 from functools import partial
 from types import SimpleNamespace
 
@@ -21,7 +22,7 @@ from scripts.virtual_take import write_virtual_take
 from tests.inputs.rigs import MIXAMO, RigBone, add_rig, mixamo
 from tests.io.streams.servers import NatNetServer, QtmServer, there_and_back
 
-from .hands import ours, refused, reopen
+from .hands import ours, press, refused, reopen
 
 MOST_OFF = np.radians(0.1)  # of a limb of a rig from the body's
 RATE, PATIENCE = 100.0, 120.0  # frames a second, s; a busy machine is slow
@@ -34,9 +35,8 @@ def walk(tmp_path_factory):
 
 
 @pytest.fixture
-def live(extension, empty, tmp_path):
+def live(settings, tmp_path):
     """The module, with settings in which only the source is left to say, and a wait for what comes."""
-    settings = empty.scene.mocap_autolabel
     settings.subjects.markerset, settings.live.folder = "body26", str(tmp_path / "recordings")
     module = ours("ops.live")
 
@@ -48,16 +48,22 @@ def live(extension, empty, tmp_path):
             time.sleep(0.01)
         return ticks
 
-    yield SimpleNamespace(module=module, settings=settings, until=until, now=module.going_on)
+    @contextmanager
+    def connected(xyz, server=QtmServer, rig=None):
+        """A stream that goes there and back over a take (T, M, 3) m, to which Blender is connected."""
+        with server(there_and_back(xyz, RATE), RATE) as one:
+            settings.live.source, settings.live.rig = one.source, rig
+            press("connect")
+            yield one
+
+    yield SimpleNamespace(module=module, settings=settings, until=until, now=module.going_on, connected=connected)
     module.leave_live()
 
 
 @pytest.mark.parametrize("server", [QtmServer, NatNetServer])
 def test_a_stream_is_shown_and_what_is_recorded_of_it_becomes_a_take(live, walk, server):
     before = len(bpy.data.objects)
-    with server(there_and_back(walk.xyz, RATE), RATE) as one:
-        live.settings.live.source = one.source
-        assert bpy.ops.mocap_autolabel.connect() == {"FINISHED"}
+    with live.connected(walk.xyz, server) as one:
         assert not bpy.ops.mocap_autolabel.connect.poll()
         live.until(lambda: len(live.now().names) > 0.9 * len(walk.names))
         stream = live.now()
@@ -69,13 +75,13 @@ def test_a_stream_is_shown_and_what_is_recorded_of_it_becomes_a_take(live, walk,
         assert f"of {len(stream.markers)} markers named" in stream.words and "dropped" in stream.words
         assert len(bpy.data.objects) == before and len(bpy.data.actions) == 0
         assert not stream.out.exists() and not stream.recording
-        assert bpy.ops.mocap_autolabel.record() == {"FINISHED"}
+        press("record")
         assert not bpy.ops.mocap_autolabel.record.poll()
         start = stream.frame
         live.until(lambda: live.now().frame > start + 2 * RATE)
         end = stream.frame
         if server is QtmServer:
-            assert bpy.ops.mocap_autolabel.stop_live() == {"FINISHED"}
+            press("stop_live")
             assert stream.words == "Stopping"
         else:
             one.ended = True  # it sends nothing any more
@@ -106,9 +112,7 @@ def test_two_performers_move_their_rigs_and_what_is_recorded_is_a_take_of_both(l
         row.name, row.markerset, row.rig = name, "body26", rigs[0]
     hips = [rig.pose.bones[0] for rig in rigs]
     before = [bone.location[:] for bone in hips]
-    with QtmServer(there_and_back(both, RATE), RATE) as one:
-        live.settings.live.source = one.source
-        bpy.ops.mocap_autolabel.connect()
+    with live.connected(both):
         live.until(lambda: all(one.body is not None for one in live.now().performers))
         live.until(lambda: hips[0].location[:] != before[0])
         assert hips[1].location[:] == before[1], "nobody has it"
@@ -125,10 +129,10 @@ def test_two_performers_move_their_rigs_and_what_is_recorded_is_a_take_of_both(l
         ann, bob = (np.array(row.rig.matrix_world @ row.rig.pose.bones[0].head) for row in subjects.performers)
         between = stream.performers[1].body.joints[0] - stream.performers[0].body.joints[0]
         assert (bob - ann) @ between > 0.99 * np.linalg.norm(bob - ann) * np.linalg.norm(between)  # in a larger room
-        bpy.ops.mocap_autolabel.record()
+        press("record")
         start = live.now().frame
         live.until(lambda: live.now().frame > start + RATE)
-        bpy.ops.mocap_autolabel.stop_live()
+        press("stop_live")
         live.until(lambda: live.now() is None)
     assert [bone.location[:] for bone in hips] == before
     assert is_take(live.settings.take) and live.module.how_it_ended().endswith("names given live changed")
@@ -136,9 +140,7 @@ def test_two_performers_move_their_rigs_and_what_is_recorded_is_a_take_of_both(l
 
 def test_a_frame_that_is_just_being_written_is_not_shown(live, walk, tmp_path):
     latest, whole = tmp_path / "frame", {"frame": 1, "unnamed": [], "at": 0.0, "ms": 1.0, "changed": 0, "late": 0}
-    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
-        live.settings.live.source = one.source
-        bpy.ops.mocap_autolabel.connect()
+    with live.connected(walk.xyz):
         stream = live.now()
     stream._latest = latest
     torn = [{"markers": markers} for markers in ({"LASI": [1]}, [], {"LA": [1] * 3}, {"LASI": [1] * 6})]
@@ -163,13 +165,11 @@ def test_what_ends_a_stream_is_said(live, walk, monkeypatch):
     live.settings.subjects.markerset = "auto"
     refused("expected a marker set from the list", "connect")
     live.settings.subjects.markerset = "body26"
-    bpy.ops.mocap_autolabel.connect()
+    press("connect")
     refused("Choose the folder for recordings, then connect again", "record")
     live.until(lambda: live.now() is None)
     assert live.module.how_it_ended().startswith("take.c3d: is no address of a stream; expected qtm://HOST,")
-    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
-        live.settings.live.source = one.source
-        bpy.ops.mocap_autolabel.connect()
+    with live.connected(walk.xyz):
         live.until(lambda: live.now().frame > 0)
         live.now()._worker.process.kill()
         live.until(lambda: live.now() is None)
@@ -177,11 +177,9 @@ def test_what_ends_a_stream_is_said(live, walk, monkeypatch):
 
 
 def test_another_file_ends_the_stream_and_what_was_recorded_stays(live, walk, tmp_path):
-    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
-        live.settings.live.source = one.source
-        bpy.ops.mocap_autolabel.connect()
+    with live.connected(walk.xyz):
         live.until(lambda: live.now().frame > 0)
-        bpy.ops.mocap_autolabel.record()
+        press("record")
         stream, start = live.now(), live.now().frame
         live.until(lambda: live.now().frame > start + 50)
         bpy.ops.ed.undo_push(message="Something else")
@@ -206,9 +204,7 @@ def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk
         return [*kept, [one.get("IK_FK") for one in rig.pose.bones], rig.data.pose_position]
 
     before, objects = state(), len(bpy.data.objects)
-    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
-        live.settings.live.source, live.settings.live.rig = one.source, rig
-        bpy.ops.mocap_autolabel.connect()
+    with live.connected(walk.xyz, rig=rig):
         live.until(lambda: live.now().performers[0].body is not None)
         body, names = live.now().performers[0].body, live.now().names
         assert len(body.joints) == len(segments)
@@ -244,9 +240,7 @@ def test_a_rig_that_cannot_move_is_told(live, walk):
     held = mixamo()
     held.pose.bones[0].constraints.new("COPY_LOCATION").target = rig
     held.pose.bones[0].location, held.pose.bones[0]["IK_FK"], held.data.pose_position = (1, 2, 3), 0.0, "REST"
-    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
-        live.settings.live.source, live.settings.live.rig = one.source, rig
-        bpy.ops.mocap_autolabel.connect()
+    with live.connected(walk.xyz, rig=rig):
         live.until(lambda: "has no bone for hips" in live.now().words)
         live.settings.live.rig = held
         live.until(lambda: "does not go where it is put; expected it without" in live.now().words)
@@ -255,9 +249,7 @@ def test_a_rig_that_cannot_move_is_told(live, walk):
 
 
 def test_a_fault_of_the_program_ends_the_stream(live, walk, monkeypatch):
-    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
-        live.settings.live.source = one.source
-        bpy.ops.mocap_autolabel.connect()
+    with live.connected(walk.xyz):
         monkeypatch.setattr(live.now(), "_worker", None)
         with pytest.raises(AttributeError):
             live.module.follow_live()

@@ -14,14 +14,9 @@ from addon.io.points import write_c3d
 from tests.core.pipelines.test_known_sets import drawn, standing
 
 from .conftest import write_room
-from .hands import ours, refused
+from .hands import ours, press, refused, session
 
 MOST_PANELS, MOST_CLICKS = 8, 3
-
-
-@pytest.fixture
-def settings(extension, empty):
-    return empty.scene.mocap_autolabel
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +27,7 @@ def room(tmp_path_factory):
 def opened(folder, *names: str):
     """Opens files of a folder, or with no names the folder, as the file browser does."""
     files = [{"name": name} for name in names]
-    assert bpy.ops.mocap_autolabel.import_take(directory=str(folder), files=files) == {"FINISHED"}
+    press("import_take", directory=folder, files=files)
 
 
 def drawn_in_take(monkeypatch) -> str:
@@ -68,18 +63,18 @@ def test_files_of_a_built_in_and_of_an_own_set_are_named_after_three_clicks(sett
         write_c3d(tmp_path / f"{name}.c3d", standing(drawn(name)))
         clicks = 2
         opened(tmp_path, f"{name}.c3d")
-        assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}  # which the window does by itself
-        told = settings.subjects.found or bpy.context.window_manager.mocap_autolabel.likely[0].name
+        press("find_markerset")  # which the window does by itself
+        told = settings.subjects.found or session().likely[0].name
         assert told in (found, name)
         clicks += 1
-        assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+        press("label")
         assert clicks <= MOST_CLICKS
         assert settings.take is not None
     own.unlink()
 
 
 def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(settings, tmp_path, monkeypatch):
-    state, own = bpy.context.window_manager.mocap_autolabel, tmp_path / f"house{SUFFIX}"
+    state, own = session(), tmp_path / f"house{SUFFIX}"
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     opened(tmp_path, "one.c3d")
     shutil.copy(markerset_file("body39"), own)
@@ -90,7 +85,7 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
 
     monkeypatch.setattr(ours("core.pipelines.known_sets"), "set_worn", both)
     monkeypatch.setattr(ours("jobs.job"), "known_models", lambda _: ["body39", str(own)])
-    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    press("find_markerset")
     assert [one.name for one in state.likely] == [str(own), "body39"]
     assert not settings.subjects.found
     assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
@@ -118,18 +113,18 @@ def test_a_set_that_is_not_sure_is_offered_and_not_taken(settings, tmp_path, mon
         return worn if sure else None, [worn]
 
     monkeypatch.setattr(ours("core.pipelines.known_sets"), "set_worn", one)
-    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    press("find_markerset")
     assert settings.subjects.found == ("body39" if sure else "")
-    assert [one.name for one in bpy.context.window_manager.mocap_autolabel.likely] == ([] if sure else ["body39"])
+    assert [one.name for one in session().likely] == ([] if sure else ["body39"])
 
 
 def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp_path, monkeypatch):
-    props, state = ours("props"), bpy.context.window_manager.mocap_autolabel
+    props, state = ours("props"), session()
     for name in ("body39", "gait15"):
         write_c3d(tmp_path / f"{name}.c3d", standing(drawn(name)))
     opened(tmp_path, "body39.c3d")
     settings.subjects.markerset = "body39"
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     first, settings.subjects.markerset = settings.take, "auto"
     assert props.is_opened(settings)
     opened(tmp_path, "gait15.c3d")
@@ -145,12 +140,12 @@ def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp
     assert not settings.subjects.found
     settings.subjects.found = str(tmp_path / f"gone{SUFFIX}")
     assert not props.found_here(settings.subjects)
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert props.is_opened(settings)
     assert settings.subjects.found == "gait15"
     assert "'Label Again'" not in drawn_in_take(monkeypatch)
     state.unfolded = True
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert "'Label Again'" in drawn_in_take(monkeypatch), "somebody who unfolded it may want to try on"
 
 
@@ -162,10 +157,10 @@ def test_an_own_set_that_was_found_can_be_trained_on(settings, tmp_path):
 
 
 def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path, monkeypatch):
-    state = bpy.context.window_manager.mocap_autolabel
+    state = session()
     write_c3d(tmp_path / "three.c3d", standing(np.eye(3)))
     opened(tmp_path, "three.c3d")
-    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    press("find_markerset")
     assert "none of the" in state.unsure
     assert "under Marker Set, or one that is trained" in state.unsure
     refused("none of the", "label")
@@ -179,7 +174,7 @@ def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path, monkeypatc
 
 
 def test_a_take_that_was_opened_while_something_went_on_is_looked_at_after_it(settings, tmp_path, monkeypatch):
-    importing, state = ours("ops.importing"), bpy.context.window_manager.mocap_autolabel
+    importing, state = ours("ops.importing"), session()
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     opened(tmp_path, "one.c3d")
     bpy_there, find = MagicMock(wraps=bpy), MagicMock()
@@ -247,17 +242,17 @@ def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
     (tmp_path / "notes.docx").write_text("no take")
     (tmp_path / "cam1.mp4").write_bytes(b"")
     refused(r"notes\.docx: is of a kind that is not known \(\.docx\); expected 3D points", "import_take",
-            filepath=str(tmp_path / "notes.docx"))  # fmt: skip
-    refused("cam1.mp4: holds pictures, which need the calibration", "import_take", filepath=str(tmp_path / "cam1.mp4"))
+            filepath=tmp_path / "notes.docx")  # fmt: skip
+    refused("cam1.mp4: holds pictures, which need the calibration", "import_take", filepath=tmp_path / "cam1.mp4")
     (tmp_path / "cam1.mp4").unlink()
-    refused("holds no take; expected 3D points", "import_take", directory=str(tmp_path))
+    refused("holds no take; expected 3D points", "import_take", directory=tmp_path)
     write_c3d(tmp_path / "one.c3d", standing(drawn("gait15")))
     write_c3d(tmp_path / "two.c3d", standing(drawn("gait15")))
     files = [{"name": "one.c3d"}, {"name": "two.c3d"}]
-    refused("2 takes are chosen; expected one", "import_take", directory=str(tmp_path), files=files)
+    refused("2 takes are chosen; expected one", "import_take", directory=tmp_path, files=files)
     refused("need the calibration of their cameras; expected that to be opened", "import_take", filepath=room.blobs)
     (tmp_path / "empty.csv").touch()
-    refused(r"empty\.csv: is empty; expected a blob file", "import_take", filepath=str(tmp_path / "empty.csv"))
-    bpy.ops.mocap_autolabel.import_cameras(filepath=room.cameras)
+    refused(r"empty\.csv: is empty; expected a blob file", "import_take", filepath=tmp_path / "empty.csv")
+    press("import_cameras", filepath=room.cameras)
     (tmp_path / "nobody.mp4").write_bytes(b"")
-    refused("nobody", "import_take", filepath=str(tmp_path / "nobody.mp4"))
+    refused("nobody", "import_take", filepath=tmp_path / "nobody.mp4")

@@ -24,7 +24,7 @@ from addon.scene import naming
 from tests.faults.stage import SECONDS
 
 from .conftest import open_room, write_room
-from .hands import only, ours, refused, reopen, stored_take
+from .hands import only, ours, press, refused, reopen, session, stored_take
 
 KINDS = ["objects", "meshes", "armatures", "actions", "collections", "cameras", "materials", "texts", "libraries"]
 
@@ -39,10 +39,9 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture
-def ready(extension, empty, files):
+def ready(empty, settings, files):
     """A scene in which only the one button is left to press."""
     open_room(files)
-    settings = empty.scene.mocap_autolabel
     settings.labelling.use_height, settings.labelling.height = True, 1.6
     return empty
 
@@ -109,12 +108,12 @@ def in_fives(extension, labelling, monkeypatch):
 
 def test_files_become_named_markers(ready, files):
     """The whole way, with the real labelling."""
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     collection = ready.scene.mocap_autolabel.take
     assert collection.name == "Mocap: walk"
     empties = only(collection, "EMPTY")
     assert [item[naming.MARKER] for item in empties] == list(open_markerset(files.markerset).markers)
-    state = ready.window_manager.mocap_autolabel
+    state = session()
     assert {row.name for row in state.markers} == {item[naming.MARKER] for item in empties}
     found = [row.labelled for row in state.markers]
     assert found == sorted(found), "the one that was found least is first"
@@ -133,7 +132,7 @@ def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extensio
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 105, 110
     for way in ("bvh", "capsules"):
         settings.labelling.occlusion = way
-        assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+        press("label")
         named[way] = stored_take().labels.marker
         rays[way] = len(asked)
         asked.clear()
@@ -147,7 +146,7 @@ def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
     settings = ready.scene.mocap_autolabel
     settings.labelling.use_facing, settings.labelling.facing = True, 1.5
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 105, 110
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     given = labelling.given[0]
     assert given.rate == 60.0
     assert given.options.height == pytest.approx(1.6)
@@ -159,12 +158,12 @@ def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
 
 
 def test_a_body_of_ones_own_is_in_the_way(ready, labelling):
-    bpy.ops.mocap_autolabel.edit_markerset()
+    press("edit_markerset")
     armature = next(item for item in ready.scene.objects if item.type == "ARMATURE")
     own = [item for item in armature.children if item.type == "MESH"]
     bpy.data.objects.remove(own.pop())  # else it has as many as the capsules that stand in for it
     ready.scene.mocap_autolabel.labelling.body = armature
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert len(labelling.given[0].occlusion.volumes) == len(own) == 8
 
 
@@ -175,27 +174,27 @@ def test_importing_remembers_and_shows_what_there_is(ready, files):
     assert ready.scene.camera[naming.CAMERA] == "cam 0"
     assert len(settings.source.cameras.objects) == 4
     before = counts()
-    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
+    press("import_cameras", filepath=files.cameras)
+    press("import_blobs", filepath=files.blobs)
     assert counts() == before
 
 
 def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):
-    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
+    press("import_cameras", filepath=files.cameras)
     upright = empty.scene.mocap_autolabel.source.cameras
-    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras, up="-y") == {"FINISHED"}
+    press("import_cameras", filepath=files.cameras, up="-y")
     lying = empty.scene.mocap_autolabel.source.cameras
     assert lying != upright
     for one, other in zip(upright.objects, lying.objects, strict=True):
         x, y, z = one.matrix_world.translation
         assert tuple(other.matrix_world.translation) == pytest.approx((x, z, -y), abs=1e-5)
-    assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
+    press("import_cameras", "INVOKE_DEFAULT", filepath=files.cameras)
     assert empty.scene.mocap_autolabel.source.cameras == upright
 
 
 def test_dropped_files_are_read_at_once(extension, empty, files):
-    assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.import_blobs("INVOKE_DEFAULT", filepath=files.blobs) == {"FINISHED"}
+    press("import_cameras", "INVOKE_DEFAULT", filepath=files.cameras)
+    press("import_blobs", "INVOKE_DEFAULT", filepath=files.blobs)
     importing = ours("ops.importing")
     handler = importing.MOCAP_AUTOLABEL_FH_take
     assert handler.is_registered
@@ -214,7 +213,7 @@ def test_a_scenes_own_cameras_can_be_used(extension, empty, files):
         empty.scene.collection.objects.link(camera)
         camera.data.shift_x = 0.1
     empty.scene.render.resolution_x, empty.scene.render.resolution_y = 800, 600
-    assert bpy.ops.mocap_autolabel.use_cameras() == {"FINISHED"}
+    press("use_cameras")
     empty.scene.render.resolution_x = 1234
     cameras = importlib.import_module("addon.scene.cameras").cameras_of(
         empty.scene.mocap_autolabel.source.cameras, empty.scene
@@ -228,14 +227,14 @@ def test_a_scenes_own_cameras_can_be_used(extension, empty, files):
 
 def test_bad_files_are_one_sentence_and_leave_nothing(extension, empty, files, tmp_path):
     before = counts()
-    refused("there is no such file", "import_cameras", filepath=str(tmp_path / "none.toml"))
+    refused("there is no such file", "import_cameras", filepath=tmp_path / "none.toml")
     assert counts() == before
-    bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras)
+    press("import_cameras", filepath=files.cameras)
     before = counts()
     bad = tmp_path / "bad.csv"
     bad.write_text("frame,camera,x,y\n1,cam 0,3,4\n2,cam 9,3,4\n")
-    refused(r"bad\.csv:3: camera 'cam 9' is not in the calibration", "import_blobs", filepath=str(bad))
-    refused("marker set", "open_markerset", filepath=str(bad))
+    refused(r"bad\.csv:3: camera 'cam 9' is not in the calibration", "import_blobs", filepath=bad)
+    refused("marker set", "open_markerset", filepath=bad)
     assert counts() == before
     assert empty.scene.mocap_autolabel.source.blobs_path == ""
 
@@ -244,17 +243,15 @@ def test_blobs_past_the_frames_that_blender_counts_leave_what_is_open(ready, tmp
     source, late = ready.scene.mocap_autolabel.source, tmp_path / "late.csv"
     before = source.blobs_path, source.preview.name
     late.write_text(f"frame,camera,x,y\n{2**31},cam 0,3,4\n")
-    refused(r"late\.csv: goes on to frame 2147483648; expected", "import_blobs", filepath=str(late))
+    refused(r"late\.csv: goes on to frame 2147483648; expected", "import_blobs", filepath=late)
     assert (source.blobs_path, source.preview.name) == before
 
 
 def test_what_is_missing_is_said_before_the_button_can_be_pressed(extension, empty, files):
     for name, reason in (("label", "calibration"), ("clear", "no labelled take")):
-        with pytest.raises(RuntimeError, match=reason):
-            getattr(bpy.ops.mocap_autolabel, name)()
+        refused(reason, name)
     for name in ("reattach", "save_markerset"):
-        with pytest.raises(RuntimeError, match="Show a marker set first"):
-            getattr(bpy.ops.mocap_autolabel, name)()
+        refused("Show a marker set first", name)
 
 
 class Modal:
@@ -272,6 +269,17 @@ class Modal:
 
     def report(self, kind, words):
         self.reports.append((*kind, words))
+
+    def tick(self, context) -> set[str]:
+        return self.modal(context, SimpleNamespace(type="TIMER"))
+
+    def run(self, context, going_on=lambda: True) -> set[str]:
+        """Ticks until the work ends, or no longer goes on as it should; the last answer."""
+        answer = {"RUNNING_MODAL"}
+        for _ in range(1000):
+            if answer == {"RUNNING_MODAL"} and going_on():
+                answer = self.tick(context)
+        return answer
 
 
 def taken(manager: MagicMock) -> tuple[int, int]:
@@ -297,7 +305,7 @@ def escape(x: int = 400, value: str = "PRESS", is_repeat: bool = False) -> Simpl
 @pytest.fixture
 def window(ready, monkeypatch):
     """A context with a window manager that counts, and the operator in it."""
-    manager = MagicMock(mocap_autolabel=ready.window_manager.mocap_autolabel, windows=[])
+    manager = MagicMock(mocap_autolabel=session(), windows=[])
     manager.invoke_confirm.return_value = {"RUNNING_MODAL"}
     status = []
     monkeypatch.setattr(bpy.types.WorkSpace, "status_text_set", lambda _, words: status.append(words))
@@ -315,8 +323,7 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     before = counts()
     operator, context = window.operator, window.context
     assert operator._begin(context) == {"RUNNING_MODAL"}
-    while not labelling.given:
-        assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"RUNNING_MODAL"}
+    assert operator.run(context, lambda: not labelling.given) == {"RUNNING_MODAL"}
     assert list(labelling.folder.iterdir()), "the job writes its files"
     assert operator.modal(context, SimpleNamespace(type="MOUSEMOVE")) == {"PASS_THROUGH"}
     assert taken(window.manager) == (1, 1)
@@ -387,8 +394,8 @@ def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labellin
     other = Modal(labelling.module)
     assert other._begin(context) == {"CANCELLED"}
     assert "labelling goes on; expected" in other.reports[0][1]
-    assert bpy.ops.mocap_autolabel.cancel() == {"FINISHED"}
-    assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"CANCELLED"}
+    press("cancel")
+    assert operator.tick(context) == {"CANCELLED"}
     assert state.doing == ""
     time_left = labelling.long_work.time_left
     told = [time_left(10, 0.5), time_left(1, 0.5), time_left(60, 0.1)]
@@ -397,15 +404,16 @@ def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labellin
 
 def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, window):
     operator, context = window.operator, window.context
-    answer = operator._begin(context)
-    before, ticks = counts(), 0
-    while answer == {"RUNNING_MODAL"}:
-        assert counts() == before, "Blender's data is written once, at the end"
-        answer = operator.modal(context, SimpleNamespace(type="TIMER"))
-        ticks += 1
-    assert answer == {"FINISHED"}
+    operator._begin(context)
+    before, ticks = counts(), []
+
+    def untouched() -> bool:
+        ticks.append(counts() == before)
+        return ticks[-1]
+
+    assert operator.run(context, untouched) == {"FINISHED"}, "Blender's data is written once, at the end"
     assert len(labelling.given) == 30 / 5
-    assert ticks >= 30 / 5 + 1
+    assert len(ticks) >= 30 / 5 + 1
     assert not list(labelling.folder.iterdir()), "the job's files are gone"
     assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
@@ -414,10 +422,9 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
 
 
 def test_what_is_opened_while_a_take_is_labelled_is_seen_once_that_is_shown(ready, labelling, window):
-    answer, window.manager.mocap_autolabel.unfolded = window.operator._begin(window.context), False
-    ready.scene.mocap_autolabel.source.blobs_path = "another.csv"
-    while answer == {"RUNNING_MODAL"}:
-        answer = window.operator.modal(window.context, SimpleNamespace(type="TIMER"))
+    window.operator._begin(window.context)
+    window.manager.mocap_autolabel.unfolded, ready.scene.mocap_autolabel.source.blobs_path = False, "another.csv"
+    assert window.operator.run(window.context) == {"FINISHED"}
     assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
     assert window.manager.mocap_autolabel.unfolded
 
@@ -426,38 +433,35 @@ def test_what_is_opened_while_a_take_is_labelled_is_seen_once_that_is_shown(read
 def test_what_was_asked_for_in_a_scene_is_shown_there_once_that_is_seen(ready, labelling, in_fives, window, beside):
     operator, context, state = window.operator, window.context, window.manager.mocap_autolabel
 
-    def ticks(while_told: str) -> set[str]:
-        answer = {"RUNNING_MODAL"}
-        while answer == {"RUNNING_MODAL"} and while_told in state.doing:
-            answer, operator._shown = operator.modal(context, SimpleNamespace(type="TIMER")), 0.0
-        return answer
+    def going_on() -> bool:
+        operator._shown = 0.0
+        return "%" in state.doing
 
     asked, other = ready.scene, bpy.data.scenes.new("Other")
     operator._begin(context)
     context.scene = other
-    assert ticks("%") == {"RUNNING_MODAL"}
+    assert operator.run(context, going_on) == {"RUNNING_MODAL"}
     assert state.doing == "Labelling: done, to be shown in Scene"
     assert asked.mocap_autolabel.take is other.mocap_autolabel.take is None
     spent, operator._began = state.spent, operator._began - 3600
-    assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"RUNNING_MODAL"}
+    assert operator.tick(context) == {"RUNNING_MODAL"}
     assert state.spent == spent, "it is not worked on"
     if beside:
         window.manager.windows.append(bpy.context.window)
     else:
         context.scene = asked
-    assert ticks("") == {"FINISHED"}
+    operator._shown = 0.0
+    assert operator.run(context) == {"FINISHED"}
     assert asked.mocap_autolabel.take.name == "Mocap: walk"
     assert not len(other.objects)
 
 
 def test_what_was_asked_for_in_a_scene_that_is_gone_is_one_sentence(ready, labelling, in_fives, window):
-    operator, context, answer = window.operator, window.context, {"RUNNING_MODAL"}
+    operator, context = window.operator, window.context
     operator._begin(context)
     context.scene = bpy.data.scenes.new("Other")
     bpy.data.scenes.remove(ready.scene)
-    while answer == {"RUNNING_MODAL"}:
-        answer = operator.modal(context, SimpleNamespace(type="TIMER"))
-    assert answer == {"CANCELLED"}
+    assert operator.run(context) == {"CANCELLED"}
     assert operator.reports[-1][1] == "labelling is done, but its scene is gone; expected that to stay"
 
 
@@ -471,21 +475,17 @@ def test_what_is_in_a_file_needs_no_scene_and_nobody_waits_for_a_look(ready, lab
     operator.of_scene, operator.waits, shown = kind.of_scene, kind.waits, []
     operator._show = lambda context, _: shown.append(context.scene)
     operator._begin(context)
-    context.scene, answer = bpy.data.scenes.new("Other"), {"RUNNING_MODAL"}
+    context.scene, written = bpy.data.scenes.new("Other"), module != "labelling"
     if gone:
         bpy.data.scenes.remove(ready.scene)
-    for _ in range(30):
-        if answer == {"RUNNING_MODAL"}:
-            answer = operator.modal(context, SimpleNamespace(type="TIMER"))
-    written = module != "labelling"
-    assert answer == ({"FINISHED"} if written else {"CANCELLED"})
+    assert operator.run(context) == ({"FINISHED"} if written else {"CANCELLED"})
     assert shown == [bpy.data.scenes["Other" if gone else "Scene"]] * written
     assert not operator.reports
 
 
 def test_work_is_done_by_one_process_and_shown_here_and_its_death_is_one_sentence(ready, window):
     context = window.context
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     here, long_work = stored_take().labels, ours("ops.long_work")
     shares, processes = [], set()
     for killed in (False, False, True):
@@ -496,7 +496,7 @@ def test_work_is_done_by_one_process_and_shown_here_and_its_death_is_one_sentenc
         while answer == {"RUNNING_MODAL"} and time.monotonic() < until:
             if killed:
                 operator._worker.process.kill()
-            answer = operator.modal(context, SimpleNamespace(type="TIMER"))
+            answer = operator.tick(context)
             shares.append(operator._worker.share)
             time.sleep(0.01)
         assert answer == ({"CANCELLED"} if killed else {"FINISHED"}), operator.reports
@@ -522,22 +522,15 @@ def test_trouble_on_the_way_gives_everything_back(files, labelling, window, monk
     operator, context = window.operator, window.context
     operator._begin(context)
     before = counts()
-
-    def work():
-        answer = {"RUNNING_MODAL"}
-        while answer == {"RUNNING_MODAL"}:
-            answer = operator.modal(context, SimpleNamespace(type="TIMER"))
-        return answer
-
-    assert work() == {"CANCELLED"}
+    assert operator.run(context) == {"CANCELLED"}
     assert operator.reports == [("ERROR", f"{files.blobs}: nobody is here; expected a person")]
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
     assert counts() == before
 
 
 def test_the_review_names_gaps_and_suspects(ready, labelling, suspects):
-    bpy.ops.mocap_autolabel.label()
-    rows = {row.name: row for row in ready.window_manager.mocap_autolabel.markers}
+    press("label")
+    rows = {row.name: row for row in session().markers}
     # The fifth frames of `made.motion` are lost, and its third marker is not seen for a sixth of the take.
     assert (rows["SACR"].gaps, rows["SACR"].longest_gap, rows["SACR"].first_gap) == (1, 2, 104)
     assert (rows["RASI"].gaps, rows["RASI"].longest_gap) == (2, 5)
@@ -548,12 +541,12 @@ def test_the_review_names_gaps_and_suspects(ready, labelling, suspects):
 
 
 def test_jumping_selects_the_marker_and_looking_through_a_camera_sets_its_picture(ready, labelling):
-    bpy.ops.mocap_autolabel.label()
-    bpy.ops.mocap_autolabel.jump(frame=107, marker="CLAV")
+    press("label")
+    press("jump", frame=107, marker="CLAV")
     assert ready.scene.frame_current == 107
     assert [item[naming.MARKER] for item in ready.selected_objects] == ["CLAV"]
     camera = ready.scene.mocap_autolabel.source.cameras.objects[2]
-    assert bpy.ops.mocap_autolabel.look_through(camera=camera.name) == {"FINISHED"}
+    press("look_through", camera=camera.name)
     assert ready.scene.camera == camera
     assert (ready.scene.render.resolution_x, ready.scene.render.resolution_y) == (656, 491)
     refused("not a calibrated camera", "look_through", camera="nobody")
@@ -561,35 +554,35 @@ def test_jumping_selects_the_marker_and_looking_through_a_camera_sets_its_pictur
 
 def test_clearing_removes_the_take_and_nothing_else(ready, labelling):
     before = counts()
-    bpy.ops.mocap_autolabel.label()
+    press("label")
     assert counts() != before
-    assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
+    press("clear")
     assert {**counts(), "materials": 0} == {**before, "materials": 0}
-    assert len(ready.window_manager.mocap_autolabel.markers) == 0
+    assert len(session().markers) == 0
 
 
 def test_labelling_is_one_undo_step(ready, labelling):
     bpy.ops.ed.undo_push(message="Before")
     before = counts()
-    bpy.ops.mocap_autolabel.label("EXEC_DEFAULT", True)
+    press("label", "EXEC_DEFAULT", True)
     assert bpy.context.scene.mocap_autolabel.take is not None
     bpy.ops.ed.undo()
     assert bpy.context.scene.mocap_autolabel.take is None
     assert {**counts(), "materials": 0} == {**before, "materials": 0}
-    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 0
+    assert len(session().markers) == 0
     bpy.ops.ed.redo()
     assert bpy.context.scene.mocap_autolabel.take.name == "Mocap: walk"
-    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
+    assert len(session().markers) == 13
 
 
 def test_a_marker_set_of_ones_own(ready, files, tmp_path):
-    assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
+    press("edit_markerset")
     item = next(item for item in ready.scene.objects if item.get(naming.MARKER) == "LKNE")
     item.select_set(True)
     ready.view_layer.objects.active = item
-    assert bpy.ops.mocap_autolabel.reattach(segment="l_shank") == {"FINISHED"}
+    press("reattach", segment="l_shank")
     path = tmp_path / "mine.markerset.json"
-    assert bpy.ops.mocap_autolabel.save_markerset(filepath=str(path)) == {"FINISHED"}
+    press("save_markerset", filepath=path)
     saved = open_markerset(str(path))
     assert saved.name == "mine"
     assert saved.skeleton.segments[saved.attachment[saved.index("LKNE")]] == "l_shank"
@@ -605,13 +598,12 @@ def test_the_preferences_say_where_the_compiled_library_is_missing(extension, mo
     assert said == ([] if there else ["Without the compiled library NumPy does the same work, more slowly"])
 
 
-def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, made):
+def test_own_marker_sets_are_found_in_the_extensions_folder(extension, settings, made):
     prefs = ours("prefs")
     props = ours("props")
     folder = prefs.markerset_folder(create=True)
     assert folder == type(folder)(bpy.utils.extension_path_user(extension, path="markersets"))
     write_model(folder / "house.markerset.json", Model(made.markerset()))
-    settings = empty.scene.mocap_autolabel
     assert settings.subjects.markerset == "auto"
     settings.subjects.markerset = str(folder / "house.markerset.json")
     assert props.chosen_markerset(settings.subjects).name == "small"
@@ -624,8 +616,8 @@ def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, ma
 
 
 def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
-    bpy.ops.mocap_autolabel.label()
-    assert bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "walk.labels.csv")) == {"FINISHED"}
+    press("label")
+    press("export_labels", filepath=tmp_path / "walk.labels.csv")
     rows = (tmp_path / "walk.labels.csv").read_text().splitlines()
     source = (files.folder / "walk.csv").read_text().splitlines()
     assert rows[0] == "frame,camera,x,y,marker,step,confidence"
@@ -638,7 +630,7 @@ def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
     stored = stored_take()
     for suffix in ("c3d", "trc"):
         path = tmp_path / f"walk.{suffix}"
-        assert getattr(bpy.ops.mocap_autolabel, f"export_{suffix}")(filepath=str(path)) == {"FINISHED"}
+        press(f"export_{suffix}", filepath=path)
         points = read_points(path)
         assert points.names == stored.names
         assert (points.first_frame, len(points.xyz)) == (101, 30)
@@ -649,23 +641,22 @@ def test_exports_never_replace_what_the_take_was_made_of(ready, labelling, files
     copy = tmp_path / "walk.csv"
     copy.write_text((files.folder / "walk.csv").read_text())
     (tmp_path / "link.csv").hardlink_to(copy)
-    bpy.ops.mocap_autolabel.import_blobs(filepath=str(copy))
-    bpy.ops.mocap_autolabel.label()
+    press("import_blobs", filepath=copy)
+    press("label")
     before = {Path(path): Path(path).read_bytes() for path in (copy, files.markerset)}
     for export in ("labels", "c3d", "trc", "report"):
         for path in (copy, tmp_path / "link.csv", files.markerset):
-            with pytest.raises(RuntimeError, match="would be written over"):
-                getattr(bpy.ops.mocap_autolabel, f"export_{export}")(filepath=str(path))
+            refused("would be written over", f"export_{export}", filepath=path)
     assert {path: path.read_bytes() for path in before} == before
 
 
 def test_labels_of_a_file_that_has_changed_are_not_written(ready, labelling, files, tmp_path):
     copy = tmp_path / "walk.csv"
     copy.write_text((files.folder / "walk.csv").read_text())
-    bpy.ops.mocap_autolabel.import_blobs(filepath=str(copy))
-    bpy.ops.mocap_autolabel.label()
+    press("import_blobs", filepath=copy)
+    press("label")
     copy.write_text("\n".join(copy.read_text().splitlines()[:-1]) + "\n")
-    refused("other blobs than those that were labelled", "export_labels", filepath=str(tmp_path / "out.labels.csv"))
+    refused("other blobs than those that were labelled", "export_labels", filepath=tmp_path / "out.labels.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["walk.csv"]
 
 
@@ -678,7 +669,7 @@ def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extensi
     assert len(settings.source.cameras.objects) == 4
     assert settings.source.rate == pytest.approx(59.94)
     assert len(suspects()) == 2
-    assert len(bpy.context.window_manager.mocap_autolabel.markers) == len(made.markerset())
+    assert len(session().markers) == len(made.markerset())
 
 
 ADDED = (

@@ -32,14 +32,10 @@ def shown(empty, made):
     return take, Opened().take(collection, empty.scene)
 
 
-def camera_of(stored, number):
-    return bpy.context.scene.objects[stored.cameras.names[number]]
-
-
 def test_blobs_lie_on_their_markers_with_the_lens_taken_out(empty, shown):
     take, stored = shown
     for number in range(4):
-        camera = camera_of(stored, number)
+        camera = bpy.context.scene.objects[stored.cameras.names[number]]
         seen = blob_dots(stored, 10, number, np.array(camera.matrix_world.normalized()))
         named = seen.marker != NO_MARKER
         assert named.sum() > 3
@@ -137,23 +133,25 @@ def test_sides_are_told_apart_by_people_who_see_few_colours(extension):
     assert [sides.side_in(name, names) for name in names] == ["L", "R", "", "", "L", "R"]
 
 
+def previewed(take, *cameras: int):
+    """The blobs of a take as they are seen before it is labelled, in all cameras or some."""
+    mesh = store_preview("walk", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames))
+    return read_preview(mesh, take.cameras.select(list(cameras)) if cameras else take.cameras)
+
+
 def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made):
     take = made.take()
-    mesh = store_preview("walk", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames))
-    stored = read_preview(mesh, take.cameras)
+    stored = previewed(take)
     np.testing.assert_array_equal(stored.rows.frames, take.rows.frames)
     np.testing.assert_array_equal(stored.rows.frame, take.rows.frame)
     np.testing.assert_allclose(stored.rows.xy, take.rows.xy, atol=1e-4)
     assert len(blob_dots(stored, 4, 0, np.eye(4)).xyz) == 1
-    assert len(read_preview(mesh, take.cameras.select([1, 2])).rows) == np.isin(take.rows.camera, [1, 2]).sum()
+    assert len(previewed(take, 1, 2).rows) == np.isin(take.rows.camera, [1, 2]).sum()
 
 
 def test_rays_of_blobs_without_names_meet_where_markers_are(empty, made):
     take = made.take()
-    stored = read_preview(
-        store_preview("walk", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames)), take.cameras
-    )
-    found = FrameRays.of(stored, 10)
+    found = FrameRays.of(previewed(take), 10)
     off = np.linalg.norm(found.points[:, None] - take.motion.markers[10], axis=2)
     assert len(found.points) > 5
     assert off.min(axis=1).max() < 0.02
@@ -161,13 +159,7 @@ def test_rays_of_blobs_without_names_meet_where_markers_are(empty, made):
     assert len(found.ends) + len(found.loose) == here.sum(), "each blob has one ray"
     for ends in (found.ends, found.loose):
         assert np.isin(ends[:, 0].round(6), take.cameras.centres.round(6)).all()
-    alone = FrameRays.of(
-        read_preview(
-            store_preview("one", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames)),
-            take.cameras.select([1]),
-        ),
-        10,
-    )
+    alone = FrameRays.of(previewed(take, 1), 10)
     assert (len(alone.points), len(alone.loose)) == (0, (take.rows.camera[here] == 1).sum())
 
 
@@ -184,7 +176,7 @@ def test_the_timeline_is_drawn_in_the_colours_of_the_theme(extension):
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blender draws nothing without a window")
-def test_it_draws(extension, empty, made, monkeypatch):
+def test_it_draws(empty, settings, made, monkeypatch):
     """Into a picture of its own: blobs and links leave their colours, and cameras and space have their views."""
     import gpu
 
@@ -192,7 +184,6 @@ def test_it_draws(extension, empty, made, monkeypatch):
     overlay = ours("ui.overlay")
     take = made.take()
     takes.show_take(empty, take)
-    settings = empty.scene.mocap_autolabel
     settings.take = takes.takes_of(empty.scene)[-1]
     empty.scene.frame_set(111)
     camera = empty.scene.objects["cam 1"]

@@ -19,7 +19,7 @@ from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
 
 from .conftest import label_walk, write_walk
-from .hands import reopen, stored_take
+from .hands import out_of_another_file, press, reopen, stored_take
 
 KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
 
@@ -362,12 +362,7 @@ def test_another_take_in_the_collection_is_left_alone(duet, made, over):
 @pytest.mark.parametrize("link", [False, True], ids=["appended", "linked"])
 @pytest.mark.parametrize("again", [False, True], ids=["removed", "labelled again"])
 def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
-    path = str(tmp_path / "other.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.read_homefile(use_empty=True)
-    with bpy.data.libraries.load(path, link=link) as (_, wanted):
-        wanted.collections = ["Mocap: duet"]
-    [collection] = wanted.collections
+    collection = out_of_another_file(tmp_path / "other.blend", "Mocap: duet", link)
     bpy.context.scene.collection.children.link(collection)
     if again:
         show_again(bpy.context, duet.take, whole=True)
@@ -380,12 +375,7 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
 
 @pytest.mark.parametrize("again", [False, True], ids=["removed", "labelled again"])
 def test_what_overrides_a_linked_take_is_left_out_with_all_that_hangs_on_it(duet, tmp_path, again):
-    path = str(tmp_path / "other.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.read_homefile(use_empty=True)
-    with bpy.data.libraries.load(path, link=True) as (_, wanted):
-        wanted.collections = ["Mocap: duet"]
-    scene, [collection] = bpy.context.scene, wanted.collections
+    collection, scene = out_of_another_file(tmp_path / "other.blend", "Mocap: duet"), bpy.context.scene
     collection = collection.override_hierarchy_create(scene, bpy.context.view_layer)
     bpy.data.scenes.new("Two").collection.children.link(collection)
     armature, marker = item_of(collection, "armature"), item_of(collection, "marker")
@@ -429,15 +419,15 @@ def test_points_that_were_renamed_stay_when_others_are_imported(extension, empty
     )
     for name in ("one", "two", "three"):
         shutil.copy(written.take, tmp_path / f"{name}.c3d")
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d")) == {"FINISHED"}
+    press("import_points", filepath=tmp_path / "one.c3d")
     [item] = empty.scene.objects
     item.name = "reference"
     child = new_mesh("stage")
     child.parent = item
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "two.c3d")) == {"FINISHED"}
+    press("import_points", filepath=tmp_path / "two.c3d")
     assert sorted(one.name for one in empty.scene.objects) == ["Mocap: two points", "reference", "stage"]
     assert len(bpy.data.objects["reference"].data.vertices)
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "three.c3d")) == {"FINISHED"}
+    press("import_points", filepath=tmp_path / "three.c3d")
     assert sorted(one.name for one in empty.scene.objects) == ["Mocap: three points", "reference", "stage"]
     assert settings.source.preview.name == "Mocap: three points"
     assert "Mocap: two points" not in bpy.data.meshes
@@ -462,7 +452,7 @@ def test_the_buttons_say_what_stays_and_undo_takes_them_back(labelled, extension
     stored_take()
     bpy.ops.ed.undo_push(message="Before")
     capfd.readouterr()
-    assert getattr(bpy.ops.mocap_autolabel, button)() == {"FINISHED"}
+    press(button)
     said = capfd.readouterr().out
     assert "my knee" in said and "stage" in said
     assert ("Mocap: walk" if button == "label" else "Kept from walk") in said
@@ -479,7 +469,7 @@ def test_after_labelling_again_and_its_undo_the_take_at_hand_is_the_one_that_is_
     count = len(stored_take().labels.marker)
     bpy.ops.ed.undo_push(message="Before")
     name_as(np.r_[1, 0, 2:13])
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     again = stored_take().labels.marker[:2]
     bpy.ops.ed.undo_push(message="Again")
     bpy.ops.ed.undo()

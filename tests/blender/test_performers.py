@@ -26,7 +26,7 @@ from addon.scene.relabelled import show_again
 from tests.core.pipelines.test_known_sets import drawn, standing
 from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
-from .hands import choose, list_performers, only, ours, refused, reopen, stored_take
+from .hands import choose, list_performers, only, ours, press, refused, reopen, session, stored_take
 
 
 def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
@@ -60,65 +60,62 @@ def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
         assert shown == [pytest.approx(colours[name], abs=1e-4)]
 
 
-def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take_is_opened(extension, empty, tmp_path):
-    settings = empty.scene.mocap_autolabel
+def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take_is_opened(settings, tmp_path):
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
-    bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d"))
+    press("import_points", filepath=tmp_path / "one.c3d")
     refused("Automatic finds what a take of one performer shows", "edit_markerset")
     settings.subjects.performing = "SO_MANY"
     refused("Automatic finds what a take of one performer shows", "label")
     refused("Automatic finds what a take of one performer shows", "label", everybody=True)
     assert settings.subjects.performing == "SO_MANY"
-    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    press("find_markerset")
     assert settings.subjects.found == "body39"
     settings.subjects.found, settings.subjects.performing = "", "ONE"
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert settings.subjects.markerset == "auto"
     assert settings.subjects.found == "body39"
-    assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
+    press("edit_markerset")
     own = tmp_path / "mine.markerset.json"
-    assert bpy.ops.mocap_autolabel.save_markerset(filepath=str(own)) == {"FINISHED"}
+    press("save_markerset", filepath=own)
     assert own.exists()
     settings.subjects.markerset = "auto"
-    bpy.ops.mocap_autolabel.add_performer()
+    press("add_performer")
     assert settings.subjects.performers[0].markerset == "body39"
-    bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d"))
+    press("import_points", filepath=tmp_path / "one.c3d")
     assert not settings.subjects.found
 
 
-def test_two_are_seen_before_anything_is_labelled_and_labelled_by_the_button_that_is_offered(
-    extension, empty, tmp_path
-):
-    settings, state = empty.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+def test_two_are_seen_before_anything_is_labelled_and_labelled_by_the_button_that_is_offered(settings, tmp_path):
+    state = session()
     write_c3d(
         tmp_path / "two.c3d", standing(np.concatenate([drawn("body39"), drawn("body39", 1) + np.array([2, 0, 0])]))
     )
-    assert bpy.ops.mocap_autolabel.import_take(filepath=str(tmp_path / "two.c3d")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    press("import_take", filepath=tmp_path / "two.c3d")
+    press("find_markerset")
     assert settings.subjects.found == "body39"
     assert ours("ui.panels").crowded_here(state, settings)
     settings.subjects.found = ""  # as by undo
-    assert bpy.ops.mocap_autolabel.label(everybody=True) == {"FINISHED"}
+    press("label", everybody=True)
     assert list(performers.homes(settings.take)) == ["1", "2"]
 
 
 @pytest.mark.parametrize("of_blobs", [False, True])
-def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(extension, empty, tmp_path, of_blobs):
-    settings, state = empty.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(settings, tmp_path, of_blobs):
+    state = session()
     write_seen(tmp_path)
     if of_blobs:
-        bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "room.toml"))
-        bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv"))
+        press("import_cameras", filepath=tmp_path / "room.toml")
+        press("import_blobs", filepath=tmp_path / "seen.csv")
     else:
-        bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d"))
+        press("import_points", filepath=tmp_path / "pair.c3d")
     settings.subjects.markerset, settings.subjects.performing, settings.source.rate = WORN, "ONE", RATE
     panels = ours("ui.panels")
     assert not panels.crowded_here(state, settings)
     with pytest.raises(RuntimeError, match=r"two subjects or more.*by Label All Performers, or by How Many") as caught:
-        bpy.ops.mocap_autolabel.label()
+        press("label")
     assert "--" not in str(caught.value)
     assert panels.crowded_here(state, settings)
-    assert bpy.ops.mocap_autolabel.label(everybody=True) == {"FINISHED"}
+    press("label", everybody=True)
     assert list(performers.homes(settings.take)) == ["1", "2"]
     assert settings.subjects.performing == "AUTO"
     assert not panels.crowded_here(state, settings)
@@ -241,11 +238,10 @@ def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_pat
 
 
 @pytest.fixture
-def imported(extension, empty, tmp_path):
+def imported(settings, tmp_path):
     """A scene with the points of two people who walk, and the marker set that both wear."""
     write_pair(tmp_path)
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d")) == {"FINISHED"}
-    settings = empty.scene.mocap_autolabel
+    press("import_points", filepath=tmp_path / "pair.c3d")
     settings.subjects.markerset = WORN
     return settings
 
@@ -258,13 +254,13 @@ def names_of_markers(collection: bpy.types.Collection) -> set[str]:
 def test_as_many_are_named_as_are_asked_for(imported, performing, tmp_path):
     """And the labels are those of the command line."""
     imported.subjects.performing = performing
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     markers = open_markerset(WORN).markers
     assert names_of_markers(imported.take) == {f"{number}:{name}" for number in (1, 2) for name in markers}
-    assert {row.name for row in bpy.context.window_manager.mocap_autolabel.markers} == names_of_markers(imported.take)
-    assert bpy.ops.mocap_autolabel.jump(frame=20, marker="2:LASI") == {"FINISHED"}
+    assert {row.name for row in session().markers} == names_of_markers(imported.take)
+    press("jump", frame=20, marker="2:LASI")
     assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["2:LASI"]
-    assert bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "own.labels.csv")) == {"FINISHED"}
+    press("export_labels", filepath=tmp_path / "own.labels.csv")
     words = "label", tmp_path / "pair.c3d", "--model", WORN, "--subjects", "2", "--out", tmp_path / "out"
     assert command([str(word) for word in words]) == 0
     assert (tmp_path / "own.labels.csv").read_bytes() == (tmp_path / "out" / "pair.labels.csv").read_bytes()
@@ -279,9 +275,9 @@ def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path
     refused("nobody is in the list", "label")
     own = tmp_path / "ann.markerset.json"
     shutil.copy(markerset_file(WORN), own)
-    assert bpy.ops.mocap_autolabel.add_performer() == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(own)) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.add_performer() == {"FINISHED"}
+    press("add_performer")
+    press("open_markerset", filepath=own)
+    press("add_performer")
     first, second = imported.subjects.performers
     assert (first.name, second.name) == ("performer1", "ann")
     assert tuple(first.colour) != tuple(second.colour)
@@ -293,9 +289,9 @@ def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path
         refused(reason, "label")
     second.name = "ann"
     imported.subjects.performer_index = 0
-    assert bpy.ops.mocap_autolabel.remove_performer() == {"FINISHED"}
+    press("remove_performer")
     assert [row.name for row in imported.subjects.performers] == ["ann"]
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert {name.split(":")[0] for name in names_of_markers(imported.take)} == {"ann"}
     imported.subjects.performers[0].colour = (0.25, 0.5, 0.75)
     assert performers.colours_in(imported.take)["ann"] == pytest.approx((0.25, 0.5, 0.75), abs=1e-4)
@@ -309,10 +305,10 @@ def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_na
     write_seen(tmp_path)
     settings, worn = empty.scene.mocap_autolabel, open_markerset(WORN)
     if kind == "points":
-        bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d"))
+        press("import_points", filepath=tmp_path / "pair.c3d")
     else:
-        bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "room.toml"))
-        bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv"))
+        press("import_cameras", filepath=tmp_path / "room.toml")
+        press("import_blobs", filepath=tmp_path / "seen.csv")
     settings.subjects.markerset, settings.subjects.performing = WORN, "SO_MANY"
     poses, pipeline = map(ours, ("io.poses", "core.points.several.pipeline"))
     monkeypatch.setattr(poses, "MOST_SHOWN", FRAMES * (3 * len(worn) + 7 * len(worn.skeleton)) * 3 // 2)
@@ -321,10 +317,9 @@ def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_na
 
 
 @pytest.fixture
-def duet(extension, empty, made):
+def duet(extension, empty, settings, made):
     """A labelled take of ann and bob in the scene, as the extension's operators know it."""
     collection = takes.show_take(empty, made.pair())
-    settings = empty.scene.mocap_autolabel
     settings.take = collection
     empty.scene.frame_set(115)
     return settings
@@ -339,7 +334,7 @@ def test_gaps_are_filled_by_each_ones_own_markers(duet, made, tmp_path):
     missing = [stored_take().names[place] for place in np.flatnonzero(~there)]
     assert missing == ["ann:RASI", "bob:RASI"]
     duet.filling.method = "body"
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    press("fill_gaps", extent="TAKE")
     filled = stored_take()
     assert {fill.marker for fill in filled.fitting} >= set(missing)
     for name in missing:
@@ -350,18 +345,17 @@ def test_gaps_are_filled_by_each_ones_own_markers(duet, made, tmp_path):
 
 def test_they_are_written_together_and_each_alone(duet, made, tmp_path):
     markers, take = made.markerset().markers, stored_take()
-    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "duet.c3d")) == {"FINISHED"}
+    press("export_c3d", filepath=tmp_path / "duet.c3d")
     assert read_points(tmp_path / "duet.c3d").names[:26] == take.names
     words = {"filepath": str(tmp_path / "duet.trc"), "performer": ":APART"}
-    assert bpy.ops.mocap_autolabel.export_trc(**words) == {"FINISHED"}
+    press("export_trc", **words)
     for number, name in enumerate(("ann", "bob")):
         own = read_points(tmp_path / f"duet {name}.trc")
         assert own.names == markers
         np.testing.assert_allclose(own.xyz[:], take.motion.markers[:, 13 * number : 13 * number + 13], atol=1e-5)
-    with pytest.raises(RuntimeError, match=r"duet ann\.trc"):  # which nobody was asked about
-        bpy.ops.mocap_autolabel.export_trc(**words)
+    refused(r"duet ann\.trc", "export_trc", **words)  # which nobody was asked about
     for _ in range(2):
-        assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "b.c3d"), performer="bob") == {"FINISHED"}
+        press("export_c3d", filepath=tmp_path / "b.c3d", performer="bob")
     alone = read_points(tmp_path / "b.c3d")
     assert alone.names == markers
     np.testing.assert_allclose(alone.xyz[:], take.motion.markers[:, 13:], atol=1e-5)
@@ -373,11 +367,10 @@ def test_nothing_is_learned_from_several_at_once(duet, extension):
         assert "several performers" in operator.lacks(bpy.context)
 
 
-def test_each_has_a_character(extension, empty, made, tmp_path):
+def test_each_has_a_character(empty, settings, made, tmp_path):
     take = made.pair(markerset=open_markerset("body26"))
-    settings = empty.scene.mocap_autolabel
     settings.take = takes.show_take(empty, take)
-    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+    press("add_character")
     joint = take.markerset.worn[0][1].skeleton.segments.index("thigh.L")
     empty.scene.frame_set(115)
     for number, (name, home) in enumerate(performers.homes(settings.take).items()):
@@ -386,9 +379,9 @@ def test_each_has_a_character(extension, empty, made, tmp_path):
         seen = take.motion.joints[14, joint + number * take.motion.joints.shape[1] // 2]
         np.testing.assert_allclose(character.pose.bones["LeftUpLeg"].head, seen, atol=1e-3)
     assert [name for name, _ in performers.armatures_of(settings.take)] == ["ann", "bob"], "what is drawn as the figure"
-    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "duet.bvh")) == {"FINISHED"}
+    press("export_bvh", filepath=tmp_path / "duet.bvh")
     assert sorted(path.name for path in tmp_path.glob("*.bvh")) == ["duet ann.bvh", "duet bob.bvh"]
-    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "b.bvh"), performer="bob") == {"FINISHED"}
+    press("export_bvh", filepath=tmp_path / "b.bvh", performer="bob")
     assert (tmp_path / "b.bvh").read_bytes() == (tmp_path / "duet bob.bvh").read_bytes()
 
 
@@ -403,24 +396,24 @@ def follows(duet, name: str, trajectory: int):
 
 
 def test_a_trajectory_is_named_as_whoevers_it_is_and_what_was_that_is_given_back(duet):
-    assert bpy.ops.mocap_autolabel.pick(point=26) == {"FINISHED"}  # the ghost
-    assert bpy.ops.mocap_autolabel.name_point(marker="bob:LASI", scope="WHOLE") == {"FINISHED"}
+    press("pick", point=26)  # the ghost
+    press("name_point", marker="bob:LASI", scope="WHOLE")
     follows(duet, "bob:LASI", 26)
     follows(duet, "ann:LASI", 1)
-    bpy.ops.mocap_autolabel.remove_correction(index=0)
+    press("remove_correction", index=0)
     follows(duet, "bob:LASI", 14)
-    assert bpy.ops.mocap_autolabel.pick(point=1) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.other_performer(scope="WHOLE") == {"FINISHED"}
+    press("pick", point=1)
+    press("other_performer", scope="WHOLE")
     follows(duet, "bob:LASI", 1)
     follows(duet, "ann:LASI", 14)
     assert len(stored_take().edits) == 2
-    bpy.ops.mocap_autolabel.clear_corrections()
+    press("clear_corrections")
     follows(duet, "ann:LASI", 1)
 
 
 def test_selected_markers_are_exchanged_in_a_range(duet):
     choose("ann:LASI", "bob:LASI", "ann:SACR")
-    assert bpy.ops.mocap_autolabel.other_performer(scope="ON") == {"FINISHED"}
+    press("other_performer", scope="ON")
     assert [edit.markers for edit in stored_take().edits] == [("ann:SACR", "bob:SACR"), ("ann:LASI", "bob:LASI")]
     rows, marker = stored_take().rows, stored_take().labels.marker
     for point, before, after in ((1, 1, 14), (14, 14, 1), (0, 0, 13), (2, 2, 2)):
@@ -431,7 +424,7 @@ def test_selected_markers_are_exchanged_in_a_range(duet):
 
 
 def test_performers_are_exchanged_whole(duet):
-    assert bpy.ops.mocap_autolabel.exchange_performers(one="ann", other="bob", scope="WHOLE") == {"FINISHED"}
+    press("exchange_performers", one="ann", other="bob", scope="WHOLE")
     for marker in range(13):
         name = stored_take().names[marker].split(":")[1]
         follows(duet, f"ann:{name}", 13 + marker)
@@ -439,9 +432,9 @@ def test_performers_are_exchanged_whole(duet):
 
 
 def test_what_cannot_be_said_of_whose_it_is(duet, extension, made):
-    bpy.ops.mocap_autolabel.pick(point=26)
+    press("pick", point=26)
     refused("has no name", "other_performer")
-    bpy.ops.mocap_autolabel.pick_none()
+    press("pick_none")
     refused("nothing is selected", "other_performer")
     choose("ann:LASI")
     refused("is ann's already", "other_performer", performer="ann")

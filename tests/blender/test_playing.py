@@ -27,7 +27,7 @@ from addon.scene.opened import Opened
 from addon.scene.timing import follow_rate
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
 
-from .hands import MODULE, refused
+from .hands import MODULE, press, refused, session
 
 
 def places(context, collection, frames):
@@ -222,16 +222,16 @@ def test_the_sidebars_operators_step_and_find(extension, both, tmp_path):
     path = saved(bpy.context, replace(both.take, suspects=(Suspect(2, 3, "one"), Suspect(4, 4, "two"))), folder)
     collection, scene = opened(path), bpy.context.scene
     scene.frame_set(1)
-    assert bpy.ops.mocap_autolabel.next_suspect() == {"FINISHED"}
+    press("next_suspect")
     assert scene.frame_current == 2
-    bpy.ops.mocap_autolabel.next_suspect()
+    press("next_suspect")
     assert scene.frame_current == 4
     assert bpy.ops.mocap_autolabel.next_suspect() == {"CANCELLED"}
-    bpy.ops.mocap_autolabel.next_suspect(back=True)
+    press("next_suspect", back=True)
     assert scene.frame_current == 2
     playing.modifier_of(collection).filepath = "//gone/walk.motion.pc2"
     assert "is not there" in playing.what_is_wrong(collection)
-    assert bpy.ops.mocap_autolabel.find_motion() == {"FINISHED"}
+    press("find_motion")
     assert playing.what_is_wrong(collection) == ""
     shutil.move(folder / "out" / "walk.motion.pc2", folder / "hidden.pc2")
     refused("not beside the Blender file", "find_motion")
@@ -268,7 +268,7 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     np.testing.assert_allclose(np.where(np.isnan(known), known, shown), known, atol=1e-5)
     scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, first, last
     played = scene.frame_start, scene.frame_end
-    assert bpy.ops.mocap_autolabel.open_part(first=first, last=last) == {"FINISHED"}
+    press("open_part", first=first, last=last)
     settings = scene.mocap_autolabel
     stored = Opened().take(settings.take, scene)
     assert stored.motion.frames.tolist() == list(range(first, last + 1))
@@ -283,18 +283,18 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     assert (settings.source.first_frame, settings.source.last_frame) == (FIRST, FIRST + FRAMES - 1)
     assert (worn.performing, worn.performer_count, worn.markerset) == ("SO_MANY", 2, WORN)
     before = stored.labels.marker.copy()
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert (Opened().take(settings.take, scene).labels.marker == before).all()
     scene.frame_set(first + 3)
     for item in settings.take.all_objects:
         item.select_set(item.get(naming.MARKER) in ("1:LKNE", "1:LANK"))
-    assert bpy.ops.mocap_autolabel.swap_markers(scope="RANGE") == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.save_corrections() == {"FINISHED"}
+    press("swap_markers", scope="RANGE")
+    press("save_corrections")
     assert [edit.frames for edit in read_edits(next(tmp_path.glob("*.edits.json")))] == [(first, last)]
     # Another part comes beside it, and knows of them.
-    assert bpy.ops.mocap_autolabel.open_part(first=first + 5, last=last + 10) == {"FINISHED"}
+    press("open_part", first=first + 5, last=last + 10)
     assert Opened().take(settings.take, scene).motion.frames.tolist() == list(range(first, last + 11))
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert len(session().corrections) == 1
 
 
 def test_who_was_asked_for_by_name_is_so_in_a_part(long):
@@ -302,7 +302,7 @@ def test_who_was_asked_for_by_name_is_so_in_a_part(long):
     scene = bpy.context.scene
     scene.frame_set(FIRST + 20)
     bpy.ops.ed.undo_push(message="Opened")
-    assert bpy.ops.mocap_autolabel.open_part("EXEC_DEFAULT", True) == {"FINISHED"}
+    press("open_part", "EXEC_DEFAULT", True)
     bpy.ops.ed.undo()
     scene = bpy.context.scene
     assert (scene.mocap_autolabel.take, scene.mocap_autolabel.source.points_path) == (None, "")
@@ -325,14 +325,14 @@ def test_what_a_part_on_its_own_says_otherwise_is_listed(long, tmp_path):
         if line.split(",")[2] == "1:LKNE" and FIRST + 5 <= int(line.split(",")[0]) < FIRST + 9:
             lines[at] = line.replace("1:LKNE", "")
     labels.write_text("\n".join(lines) + "\n")
-    assert bpy.ops.mocap_autolabel.open_part(first=FIRST + 2, last=FIRST + 30) == {"FINISHED"}
-    rows = bpy.context.window_manager.mocap_autolabel.changes
+    press("open_part", first=FIRST + 2, last=FIRST + 30)
+    rows = session().changes
     assert [(row.name, row.first) for row in rows] == [("1:LKNE", FIRST + 5)]
     assert "is named now" in rows[0].words
     labels.unlink()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "pair.blend"))
-    assert bpy.ops.mocap_autolabel.open_part(first=FIRST + 2, last=FIRST + 30) == {"FINISHED"}
-    assert not bpy.context.window_manager.mocap_autolabel.changes
+    press("open_part", first=FIRST + 2, last=FIRST + 30)
+    assert not session().changes
 
 
 def test_the_part_here_is_what_is_to_be_looked_at_or_the_preview_range(both, monkeypatch):
@@ -361,6 +361,6 @@ def test_what_cannot_be_opened_is_told_and_nothing_changes(long, tmp_path):
     # `pair.c3d` beside the Blender file is what was made of the take, and not the take.
     assert (tmp_path / "out" / "pair.c3d").exists()
     found = str(tmp_path / "elsewhere.c3d")
-    assert bpy.ops.mocap_autolabel.open_part(first=FIRST, last=FIRST + 9, filepath=found) == {"FINISHED"}
+    press("open_part", first=FIRST, last=FIRST + 9, filepath=found)
     assert scene.mocap_autolabel.source.points_path == found
     assert scene.mocap_autolabel.source.up_found == "As the File Says"

@@ -24,7 +24,7 @@ from tests.io.kept import otherwise
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 from tests.io.samples import tsv
 
-from .hands import keys_of, only, ours, refused, rows_of_export, stored_take
+from .hands import keys_of, only, ours, press, refused, rows_of_export, session, stored_take
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -63,8 +63,8 @@ def files(tmp_path_factory, made):
 @pytest.fixture
 def imported(extension, empty, files):
     """A scene with the points in it, and the marker set chosen."""
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset) == {"FINISHED"}
+    press("import_points", filepath=files.folder / "walk.c3d")
+    press("open_markerset", filepath=files.markerset)
     return empty
 
 
@@ -104,21 +104,21 @@ def test_a_scene_that_a_person_animates_keeps_its_time_until_the_button_is_press
     assert "the scene keeps its 24 frames a second, and the take is mapped to them" in words
     assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 5, 80)
     assert scene.frame_current == 101
-    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    press("play_as_take")
     assert scene.render.fps / scene.render.fps_base == pytest.approx(59.94)
     assert (scene.frame_start, scene.frame_end) == (101, 130)
 
 
 def test_a_take_begins_at_frame_1_by_choice_and_its_files_keep_their_numbers(naming_known, extension, empty, files):
     scene, source = empty.scene, empty.scene.mocap_autolabel.source
-    bpy.ops.mocap_autolabel.import_take(filepath=str(files.folder / "walk.c3d"), at_1=True)
-    bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset)
+    press("import_take", filepath=files.folder / "walk.c3d", at_1=True)
+    press("open_markerset", filepath=files.markerset)
     assert (scene.frame_start, scene.frame_end, source.first_frame, source.last_frame) == (1, 30, 101, 130)
     scene.frame_set(4)
     assert visible_points() == int(np.isfinite(files.take.xyz[3, :, 0]).sum())
     labelling = scene.mocap_autolabel.labelling
     labelling.use_range, labelling.range_first, labelling.range_last = True, 111, 120
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     stored = stored_take()
     assert (stored.clock.shift, stored.motion.frames[0], stored.index_of(11)) == (-100, 111, 0)
     assert keys_of("C7")[:, 0].tolist() == list(range(11, 21))
@@ -130,7 +130,7 @@ def test_frames_past_what_blender_counts_are_refused_and_what_is_open_stays(impo
     before = source.points_path, source.preview.name, source.rate, source.first_frame
     for first, words in ((2**31, "goes on to frame 2147483677"), (-(2**31) - 1, "begins at frame -2147483649")):
         write_trc(tmp_path / "far.trc", replace(files.take, first_frame=first, rate=50))
-        refused(rf"far\.trc: {words}; expected frame numbers", "import_take", filepath=str(tmp_path / "far.trc"))
+        refused(rf"far\.trc: {words}; expected frame numbers", "import_take", filepath=tmp_path / "far.trc")
     assert (source.points_path, source.preview.name, source.rate, source.first_frame) == before
 
 
@@ -147,27 +147,24 @@ def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of
         stored = overlay.shown(imported.scene)
         assert len(marks.point_marks(stored, stored.index_of(frame)).unnamed) == expected
     before = len(bpy.data.objects), len(bpy.data.meshes)
-    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.trc"))
+    press("import_points", filepath=files.folder / "walk.trc")
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
     assert imported.scene.mocap_autolabel.source.points_path.endswith("walk.trc")
 
 
-def test_a_drop_tells_blobs_from_points(extension, empty, files):
-    settings = empty.scene.mocap_autolabel
-    drop = bpy.ops.mocap_autolabel.import_take
-    assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "motive.csv")) == {"FINISHED"}
+def test_a_drop_tells_blobs_from_points(empty, settings, files):
+    press("import_take", "INVOKE_DEFAULT", filepath=files.folder / "motive.csv")
     assert (settings.source.points_path, settings.source.blobs_path) == (str(files.folder / "motive.csv"), "")
     assert (settings.source.first_frame, settings.source.trajectories, settings.source.rate) == (7, 1, 100.0)
     (files.folder / "qualisys.tsv").write_text(tsv())
-    assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "qualisys.tsv")) == {"FINISHED"}
+    press("import_take", "INVOKE_DEFAULT", filepath=files.folder / "qualisys.tsv")
     assert (settings.source.trajectories, settings.source.rate) == (3, 120.0)
-    with pytest.raises(RuntimeError, match="need the calibration"):
-        drop("INVOKE_DEFAULT", filepath=str(files.folder / "walk.csv"))
-    bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml"))
-    assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "walk.csv")) == {"FINISHED"}
+    refused("need the calibration", "import_take", "INVOKE_DEFAULT", filepath=files.folder / "walk.csv")
+    press("import_cameras", filepath=files.folder / "room.toml")
+    press("import_take", "INVOKE_DEFAULT", filepath=files.folder / "walk.csv")
     assert (settings.source.points_path, settings.source.blobs_path) == ("", str(files.folder / "walk.csv"))
     assert not any(item.modifiers for item in empty.scene.objects), "the points have gone"
-    refused("holds 3D points", "import_blobs", filepath=str(files.folder / "motive.csv"))
+    refused("holds 3D points", "import_blobs", filepath=files.folder / "motive.csv")
 
 
 @pytest.fixture
@@ -181,22 +178,21 @@ def qtm(tmp_path, made):
     return write_qtm(tmp_path / "walk.qtm", recording), names
 
 
-def test_a_capture_brings_its_cameras_and_its_rate(extension, empty, qtm):
+def test_a_capture_brings_its_cameras_and_its_rate(settings, qtm):
     path, names = qtm
-    settings = empty.scene.mocap_autolabel
-    assert bpy.ops.mocap_autolabel.import_take("INVOKE_DEFAULT", filepath=str(path)) == {"FINISHED"}
+    press("import_take", "INVOKE_DEFAULT", filepath=path)
     assert (settings.source.blobs_path, settings.source.points_path, settings.source.rate) == (str(path), "", 250.0)
     assert {camera_name(item) for item in settings.source.cameras.objects} == set(names[:-1])
     chosen = settings.source.cameras
-    assert bpy.ops.mocap_autolabel.import_blobs(filepath=str(path)) == {"FINISHED"}
+    press("import_blobs", filepath=path)
     assert settings.source.cameras == chosen, "the scene's own are the file's"
     labelling = ours("ops.labelling")
     assert labelling.job_of(bpy.context).use == "blobs"
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(path)) == {"FINISHED"}
+    press("import_points", filepath=path)
     assert (settings.source.points_path, settings.source.trajectories) == (str(path), 4)
     assert labelling.job_of(bpy.context).use == "points"
-    assert bpy.ops.mocap_autolabel.import_take(filepath=str(path), use="points") == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(path)) == {"FINISHED"}
+    press("import_take", filepath=path, use="points")
+    press("import_cameras", filepath=path)
     importing = ours("ops.importing")
     assert ".qtm" in importing.MOCAP_AUTOLABEL_FH_take.bl_file_extensions.split(";")
     for glob in (importing.BLOBS, importing.POINTS):
@@ -204,13 +200,13 @@ def test_a_capture_brings_its_cameras_and_its_rate(extension, empty, qtm):
 
 
 def test_anonymous_points_become_named_markers(imported, files, naming_known):
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     collection = imported.scene.mocap_autolabel.take
     assert naming.CAMERAS not in collection
     assert not [item for item in bpy.data.collections if item.name.startswith("Mocap: cameras")]
     empties = {item[naming.MARKER]: item for item in only(collection, "EMPTY")}
     names = list(empties)
-    assert {name for name, _ in imported.window_manager.mocap_autolabel.markers.items()} == set(names)
+    assert {name for name, _ in session().markers.items()} == set(names)
     armature = next(item for item in collection.all_objects if item.type == "ARMATURE")
     assert len(armature.pose.bones) == 9
     imported.scene.frame_set(120)
@@ -219,7 +215,7 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
             place = empties[names[marker]].matrix_world.translation
             np.testing.assert_allclose(place, files.take.xyz[19, point], atol=1e-5)
     assert len(armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves), "the armature moves"
-    gap = imported.window_manager.mocap_autolabel.markers["RASI"]
+    gap = session().markers["RASI"]
     assert (gap.gaps, gap.longest_gap) == (2, 5)
 
 
@@ -228,16 +224,16 @@ def test_events_of_a_qualisys_export_are_timeline_markers(imported, files, namin
     head = f"NO_OF_MARKERS\t{count}\nFREQUENCY\t60\nDATA_INCLUDED\t3D\nEVENT\tFoot Off\t9\t0.13\nMARKER_NAMES\t\n"
     rows = ["\t".join(map(str, row)) for row in xyz.reshape(len(xyz), -1)]
     (tmp_path / "walk.tsv").write_text(head + "\n".join(rows) + "\n")
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.tsv"), up="z") == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("import_points", filepath=tmp_path / "walk.tsv", up="z")
+    press("label")
     assert [(one.name, one.frame) for one in imported.scene.timeline_markers] == [("Foot Off", 9)]
 
 
 def test_what_stays_unnamed_is_one_object(imported, naming_known):
-    bpy.ops.mocap_autolabel.label()
+    press("label")
     imported.scene.frame_set(115)
     assert visible_points() == GHOSTS, "the unlabelled take is out of sight, its ghosts are not"
-    assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
+    press("clear")
     assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
 
 
@@ -261,7 +257,7 @@ def lab_is_seen(context, source):
             push = turned[:3, 2] * 1000 * arrow.empty_display_size
             np.testing.assert_allclose(push, 0 if np.isnan(place[0]) else force, rtol=1e-4, atol=0.01)
             assert np.isnan(place[0]) or np.allclose(turned[:3, 3], place, atol=1e-5)
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert sorted((one.name, one.frame) for one in scene.timeline_markers) == sorted(events), "none is there twice"
     assert set(take.children["lab force plates"].objects.keys()) == set(items)
     scene.timeline_markers["Right Foot Off"].frame = 80
@@ -273,10 +269,10 @@ def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_kno
     source, out = tmp_path / "lab.c3d", tmp_path / "named.c3d"
     layout = Layout(frames=30, points=xyz.shape[1], **of_lab)
     source.write_bytes(layout.content(xyz))
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(source), up="z") == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("import_points", filepath=source, up="z")
+    press("label")
     for room in (True, False):  # in a scene in which nothing was moved
-        assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(out), room=room) == {"FINISHED"}
+        press("export_c3d", filepath=out, room=room)
         assert otherwise(source, out) == []
     lab_is_seen(imported, source)
     column = next(index for index in range(1, 15) if files.truth[index] != NO_MARKER)
@@ -286,13 +282,13 @@ def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_kno
     np.testing.assert_allclose(named.xyz[there, own] * 1000, xyz[there, column], atol=1e-3)
     source.write_bytes(layout.content(xyz + 1))
     for _ in range(2):
-        assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(out)) == {"FINISHED"}
+        press("export_c3d", filepath=out)
         np.testing.assert_allclose(read_points(out).xyz[:, own], named.xyz[:, own], atol=1e-6)
         assert C3dFile(out.read_bytes(), out).whole("ANALOG:USED") == 0
         source.unlink(missing_ok=True)
     items = len(bpy.data.objects)
     assert bpy.ops.mocap_autolabel.label.poll()
-    assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
+    press("clear")
     assert [one.name for one in imported.scene.timeline_markers] == ["mine", "Right Foot Off"], "it was moved"
     assert not [one.name for one in bpy.data.objects if "force" in one.name], "nobody changed it"
     assert len(bpy.data.objects) < items
@@ -338,10 +334,10 @@ def test_trouble_is_one_sentence_and_leaves_nothing(extension, empty, files, tmp
     bad = tmp_path / "bad.c3d"
     bad.write_bytes(b"\x02P" + b"\0" * 600)
     before = len(bpy.data.objects), len(bpy.data.meshes)
-    refused(r"bad\.c3d", "import_points", filepath=str(bad))
+    refused(r"bad\.c3d", "import_points", filepath=bad)
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
-    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "motive.csv"))
-    bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset)
+    press("import_points", filepath=files.folder / "motive.csv")
+    press("open_markerset", filepath=files.markerset)
     refused(r"motive\.csv: .*expected", "label")
     assert empty.scene.mocap_autolabel.take is None
 
@@ -355,7 +351,7 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_and_a_part_of_it_is_
     refused(r"walk\.c3d: has 30 frames, .*expected at most 20: .*Label Folder", "label")
     assert settings.take is None
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 101, 120
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
 
 
 @pytest.fixture
@@ -367,19 +363,18 @@ def upside_down(files, tmp_path):
     return path
 
 
-def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files, upside_down, naming_known):
-    refused("has a rate of 0 frames a second; expected", "import_points", filepath=str(upside_down))
-    for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
-        assert importer(filepath=str(upside_down), up="z", rate=60.0) == {"FINISHED"}
-        settings = empty.scene.mocap_autolabel
+def test_an_up_axis_and_a_rate_that_are_given_are_taken(empty, settings, files, upside_down, naming_known):
+    refused("has a rate of 0 frames a second; expected", "import_points", filepath=upside_down)
+    for importer in ("import_points", "import_take"):
+        press(importer, filepath=upside_down, up="z", rate=60.0)
         assert (settings.source.up, settings.source.rate) == ("z", 60.0)
         heights = [vertex.co.z for vertex in settings.source.preview.vertices]
         there = files.take.xyz[..., 2]
         assert max(heights) == pytest.approx(np.nanmax(there), abs=1e-4)
-    bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset)
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("open_markerset", filepath=files.markerset)
+    press("label")
     assert settings.take is not None
-    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
+    press("import_points", filepath=files.folder / "walk.c3d")
     assert empty.scene.mocap_autolabel.source.up == ""
 
 
@@ -390,7 +385,7 @@ def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, 
         raise possible.mirrored_error("A would be on the other side of the body")
 
     monkeypatch.setattr(possible.Handedness, "refuse", refuse)
-    settings, state = imported.scene.mocap_autolabel, imported.window_manager.mocap_autolabel
+    settings, state = imported.scene.mocap_autolabel, session()
     refused("is left-handed: one axis is mirrored, as A would be", "label")
     assert settings.take is None
     assert state.refused.startswith("is left-handed")
@@ -400,16 +395,16 @@ def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, 
     settings.source.points_path = str(files.folder / "other.c3d")  # as by undo
     assert not panels.told_here(state, settings)
     settings.source.points_path = path
-    assert bpy.ops.mocap_autolabel.label(force=True) == {"FINISHED"}
+    press("label", force=True)
     assert settings.take is not None
     assert not state.refused
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}, "for as long as it is this take"
 
     path = str(files.folder / "walk.c3d")
-    assert bpy.ops.mocap_autolabel.import_points(filepath=path) == {"FINISHED"}
+    press("import_points", filepath=path)
     assert not settings.source.forced
     plain = [tuple(vertex.co) for vertex in settings.source.preview.vertices]
-    for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
-        assert importer(filepath=path, mirror=True) == {"FINISHED"}
+    for importer in ("import_points", "import_take"):
+        press(importer, filepath=path, mirror=True)
         assert [tuple(vertex.co) for vertex in settings.source.preview.vertices] == [(x, -y, z) for x, y, z in plain]
     assert ours("ops.labelling").job_of(bpy.context).mirror

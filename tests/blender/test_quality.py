@@ -5,21 +5,20 @@ import importlib
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
-import bpy
 import numpy as np
 import pytest
 
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 
-from .hands import ours, refused
+from .hands import ours, press, refused
 
 
 @pytest.fixture
 def laid(extension, empty):
     """gait15 laid out, its collection, and the extension's own module of the scene's side."""
     empty.scene.mocap_autolabel.subjects.markerset = "gait15"
-    assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
+    press("edit_markerset")
     empty.view_layer.update()
     module = ours("scene.markerset_edit")
     return module, module.edited_collection(empty.scene)
@@ -27,7 +26,7 @@ def laid(extension, empty):
 
 @pytest.fixture
 def judged(laid):
-    assert bpy.ops.mocap_autolabel.judge_markers() == {"FINISHED"}
+    press("judge_markers")
     return laid
 
 
@@ -54,7 +53,7 @@ def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
     assert [target.number for target in shown] == list(range(1, len(report["advice"]) + 1))
     first, row = shown[0], report["advice"][0]
     assert np.linalg.norm(first.end - first.begin) == pytest.approx(np.linalg.norm(row["shift_mm"]) / 1000, abs=2e-4)
-    assert bpy.ops.mocap_autolabel.take_advice(number=1) == {"FINISHED"}
+    press("take_advice", number=1)
     empty.view_layer.update()
     item = quality.marker_items(collection)[row["marker"]]
     np.testing.assert_allclose(item.matrix_world.translation, first.end, atol=1e-5)
@@ -68,7 +67,7 @@ def test_a_locked_marker_stays(laid):
     quality, collection = laid
     for name, item in quality.marker_items(collection).items():
         item.lock_location = (name.endswith(("ANK", "HEE")),) * 3
-    bpy.ops.mocap_autolabel.judge_markers()
+    press("judge_markers")
     moved = {row["marker"] for row in quality.kept_report(collection)["advice"]}
     assert not {name for name in moved if name.endswith(("ANK", "HEE"))}
 

@@ -22,7 +22,7 @@ from addon.scene import take as takes
 from addon.scene.opened import Opened
 
 from .conftest import write_walk
-from .hands import bones, choose, list_performers, only, ours, refused, reopen
+from .hands import bones, choose, list_performers, only, ours, press, refused, reopen, session
 
 FRAMES, FIRST = 30, 101
 WRIST, KNEE = "LWRA", "LKNE"
@@ -40,9 +40,9 @@ def files(tmp_path, made):
 def labelled(extension, empty, files, name_as):
     """The take in a scene, named as it is."""
     name_as(np.arange(len(files.names)))
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.take)) == {"FINISHED"}
+    press("import_points", filepath=files.take)
     empty.scene.mocap_autolabel.subjects.markerset = "body26"
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     empty.scene.frame_set(120)
     return empty
 
@@ -73,7 +73,7 @@ def capsules() -> np.ndarray:
 
 def swap(one=WRIST, other=KNEE, scope="WHOLE"):
     choose(one, other)
-    assert bpy.ops.mocap_autolabel.swap_markers(scope=scope) == {"FINISHED"}
+    press("swap_markers", scope=scope)
 
 
 def numbers_of(path) -> np.ndarray:
@@ -83,7 +83,7 @@ def numbers_of(path) -> np.ndarray:
 
 def bvh(files, name: str) -> np.ndarray:
     path = files.folder / name
-    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(path)) == {"FINISHED"}
+    press("export_bvh", filepath=path)
     return numbers_of(path)
 
 
@@ -91,9 +91,9 @@ def test_a_correction_that_is_taken_back_after_labelling_again_leaves_the_body_a
     before = bones(), rests(), capsules()
     swap()
     reopen(str(files.folder / "walk.blend"))
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert np.abs(bones() - before[0]).max() > 0.1, "the arm goes to the knee"
-    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    press("remove_correction", index=0)
     for now, was in zip((bones(), rests(), capsules()), before, strict=True):
         np.testing.assert_allclose(now, was, atol=NEAR)
 
@@ -123,7 +123,7 @@ def test_what_is_exported_after_a_correction_is_what_labelling_again_gives(label
     before = bvh(files, "before.bvh")
     swap()
     now = bvh(files, "now.bvh")
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert not reposing.is_behind(bpy.context)
     np.testing.assert_allclose(now, bvh(files, "anew.bvh"), atol=0.02)  # cm and degrees
     assert np.abs(now - before).max() > 5
@@ -132,7 +132,7 @@ def test_what_is_exported_after_a_correction_is_what_labelling_again_gives(label
 def test_smoothing_reaches_the_armature_and_what_is_exported(labelled, files, reposing):
     before, was = bones(), bvh(files, "before.bvh")
     labelled.scene.mocap_autolabel.filling.cutoff = 2.0
-    assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
+    press("smooth")
     assert not reposing.is_behind(bpy.context)
     stored = Opened().take(labelled.scene.mocap_autolabel.take, bpy.context.scene)
     root = smoothed(stored.motion.joints[:, :1], 30.0, 2.0)[:, 0]
@@ -142,7 +142,7 @@ def test_smoothing_reaches_the_armature_and_what_is_exported(labelled, files, re
     assert np.abs(bvh(files, "calm.bvh") - was).max() > 0.1
     reopen(str(files.folder / "walk.blend"))
     assert not reposing.is_behind(bpy.context)
-    assert bpy.ops.mocap_autolabel.take_back_smoothing() == {"FINISHED"}
+    press("take_back_smoothing")
     np.testing.assert_allclose(bones(), before, atol=NEAR)
     np.testing.assert_allclose(bvh(files, "again.bvh"), was, atol=0.02)  # cm and degrees
 
@@ -150,7 +150,7 @@ def test_smoothing_reaches_the_armature_and_what_is_exported(labelled, files, re
 def test_a_character_that_is_added_after_a_correction_is_of_the_body_as_it_is(labelled, reposing, later):
     swap()
     assert reposing.is_behind(bpy.context)
-    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+    press("add_character")
     assert not reposing.is_behind(bpy.context)
 
 
@@ -184,7 +184,7 @@ def test_what_is_seen_follows_at_once_and_the_rest_in_small_steps(labelled, repo
     swap()
     reposing.follow_now(bpy.context)
     bent = bones()
-    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    press("remove_correction", index=0)
     monkeypatch.setattr(reposing, "BUDGET", 0.0)
     assert reposing._follow() is not None
     here, seen = 120 - FIRST, bones()
@@ -207,7 +207,7 @@ def test_what_was_begun_of_other_labels_is_left(labelled, reposing, later, monke
     monkeypatch.setattr(reposing, "BUDGET", 0.0)
     swap()
     reposing._follow()
-    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    press("remove_correction", index=0)
     assert reposing.is_behind(bpy.context), "one frame is still of the other labels"
     while reposing._follow() is not None:
         pass
@@ -262,14 +262,14 @@ def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(l
     take[takes.PERFORMERS] = take[takes.PERFORMERS].replace("body26", "mine")
     ours("scene.opened").opened.forget()
     write_model(files.folder / "small.markerset.json", Model(made.markerset()))
-    bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json"))
+    press("open_markerset", filepath=files.folder / "small.markerset.json")
     swap()
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
+    assert len(session().corrections) == 1
     assert "choose marker set mine" in reposing.words_behind(bpy.context)
     refused(
         "older than the last correction; expected you to choose marker set mine",
         "export_bvh",
-        filepath=str(files.folder / "walk.bvh"),
+        filepath=files.folder / "walk.bvh",
     )
     assert not (files.folder / "walk.bvh").exists()
     bpy.context.scene.mocap_autolabel.subjects.markerset = "body26"
@@ -301,7 +301,7 @@ def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, repos
     swap()
     settings = bpy.context.scene.mocap_autolabel
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 110, 115
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert reposing.is_behind(bpy.context)
     reposing.follow_now(bpy.context)
     fitted = anew(settings.take)
@@ -309,10 +309,9 @@ def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, repos
     np.testing.assert_allclose(bones()[there][..., :3, 3], fitted[there], atol=NEAR)
 
 
-def test_of_two_performers_both_are_right(extension, empty, made, files, reposing):
+def test_of_two_performers_both_are_right(empty, settings, made, files, reposing):
     write_model(files.folder / "small.markerset.json", Model(made.markerset()))
     collection = takes.show_take(empty, replace(made.pair(), source=""))
-    settings = empty.scene.mocap_autolabel
     settings.take = collection
     list_performers(files.folder, "ann", "bob")
     empty.scene.frame_set(115)
@@ -320,7 +319,7 @@ def test_of_two_performers_both_are_right(extension, empty, made, files, reposin
     for _ in range(2):
         swap("bob:LWRA", "bob:LKNE")
         found.append([bones(range(101, 121), home) for home in collection.children[:2]])
-        assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+        press("remove_correction", index=0)
         found.append([bones(range(101, 121), home) for home in collection.children[:2]])
     bent, right, *again = found
     assert np.abs(bent[1] - right[1]).max() > 0.1

@@ -19,7 +19,7 @@ from addon.scene import naming
 from addon.scene.take import show_take
 
 from .conftest import label_walk, write_walk
-from .hands import choose, ours, refused, shown, stored_take
+from .hands import choose, ours, press, refused, session, shown, stored_take
 
 FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
@@ -33,7 +33,7 @@ def state(extension, empty, made, tmp_path, name_as):
     knee = markerset.markers.index(LOST)
     name_as(np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1)))
     label_walk(tmp_path)
-    state = bpy.context.window_manager.mocap_autolabel
+    state = session()
     state.trouble_done, state.trouble_index = "OPEN", 0
     return SimpleNamespace(review=state, knee=knee, folder=tmp_path)
 
@@ -57,10 +57,10 @@ def test_a_marker_that_was_never_found_is_said_and_shown_and_named_by_one_button
     stakes = [row.stake for row in state.review.troubles]
     assert stakes == sorted(stakes, reverse=True)
     assert not any(str(GHOST) in row.name for row in state.review.troubles), "it is nowhere near the body"
-    assert bpy.ops.mocap_autolabel.show_trouble(index=number) == {"FINISHED"}
+    press("show_trouble", index=number)
     assert bpy.context.scene.frame_current == row.first
     assert selected() == [], "an empty that is not there cannot be selected"
-    assert bpy.ops.mocap_autolabel.mend_trouble(index=number) == {"FINISHED"}
+    press("mend_trouble", index=number)
     assert not rows(state, name=LOST, kind="missing")
     assert not rows(state, kind="left over")
 
@@ -76,26 +76,26 @@ def test_the_gaps_of_one_marker_though_hidden_are_filled_by_its_button(state):
     name = row.name
     for empty in shown().values():
         empty.hide_set(True)
-    assert bpy.ops.mocap_autolabel.mend_trouble(index=number) == {"FINISHED"}
+    press("mend_trouble", index=number)
     assert {fill.name for fill in state.review.fills} == {name}
 
 
 def test_what_is_right_is_done_and_does_not_come_back(state):
     number, _ = rows(state, kind="missing", name=LOST)[0]
-    assert bpy.ops.mocap_autolabel.accept_trouble(index=number) == {"FINISHED"}
+    press("accept_trouble", index=number)
     [(number, row)] = rows(state, kind="missing", name=LOST)
     assert row.answered
     assert row.stake == 0
     over, left = rows(state, kind="left over")[0]
     assert not left.answered
-    assert bpy.ops.mocap_autolabel.accept_trouble(index=over) == {"FINISHED"}
+    press("accept_trouble", index=over)
     assert all(row.answered for _, row in rows(state, kind="left over"))
-    bpy.ops.mocap_autolabel.save_corrections()
+    press("save_corrections")
     assert next(type(one).__name__ for one in read_edits(state.folder / "walk.edits.json")) == "Right"
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert [row.answered for _, row in rows(state, kind="missing", name=LOST)] == [True]
     assert all(row.answered for _, row in rows(state, kind="left over"))
-    bpy.ops.mocap_autolabel.clear_corrections()
+    press("clear_corrections")
     assert not any(row.answered for row in state.review.troubles)
 
 
@@ -107,7 +107,7 @@ def test_rings_are_only_around_what_the_list_asks_about(state):
     stored = stored_take()
     scene.frame_set(FIRST + stored.clock.shift)
     assert figure.meant(bpy.context, collection, stored) is None, "nobody went there"
-    bpy.ops.mocap_autolabel.show_trouble(index=0)
+    press("show_trouble", index=0)
     assert figure.meant(bpy.context, collection, stored).reason == state.review.trouble_shown
 
     def rings() -> list:
@@ -115,7 +115,7 @@ def test_rings_are_only_around_what_the_list_asks_about(state):
 
     assert rings() == [stored.motion.expected[0, state.knee].tolist()]
     number, _ = rows(state, kind="missing", name=LOST)[0]
-    bpy.ops.mocap_autolabel.accept_trouble(index=number)
+    press("accept_trouble", index=number)
     assert rings() == []
 
 
@@ -126,11 +126,11 @@ def test_the_next_is_the_next_that_is_listed_and_open(state):
     assert listed == list(range(len(state.review.troubles)))
     assert len(listed) > 1
     state.review.trouble_shown, state.review.trouble_index = "", 0
-    bpy.ops.mocap_autolabel.next_trouble()
+    press("next_trouble")
     assert state.review.trouble_index == 0, "the worst, which nobody was shown yet, comes first"
-    bpy.ops.mocap_autolabel.next_trouble()
+    press("next_trouble")
     assert state.review.trouble_index == 1
-    bpy.ops.mocap_autolabel.next_trouble(back=True)
+    press("next_trouble", back=True)
     assert state.review.trouble_index == 0
     state.review.trouble_done = "DONE"
     assert bpy.ops.mocap_autolabel.next_trouble() == {"CANCELLED"}
@@ -139,10 +139,10 @@ def test_the_next_is_the_next_that_is_listed_and_open(state):
 def test_what_takes_the_place_of_an_answered_one_is_next(state):
     state.review.trouble_shown, state.review.trouble_index = "", 0
     worst, second = [row.reason for row in state.review.troubles][:2]
-    bpy.ops.mocap_autolabel.next_trouble()
-    bpy.ops.mocap_autolabel.accept_trouble(index=0)
+    press("next_trouble")
+    press("accept_trouble", index=0)
     assert worst in [row.reason for row in state.review.troubles if row.answered]
-    bpy.ops.mocap_autolabel.next_trouble()
+    press("next_trouble")
     shown = state.review.troubles[state.review.trouble_index]
     assert (shown.reason, shown.answered) == (second, False)
 
@@ -151,7 +151,7 @@ def test_a_scene_that_was_made_shorter_stays_so_when_a_take_is_labelled_again(st
     scene = bpy.context.scene
     assert (scene.frame_start, scene.frame_end) == (101, 160)
     scene.frame_start, scene.frame_end = 105, 150
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert (scene.frame_start, scene.frame_end) == (105, 150)
     refused("expected one of the", "show_trouble", index=999)
 
@@ -159,12 +159,12 @@ def test_a_scene_that_was_made_shorter_stays_so_when_a_take_is_labelled_again(st
 def test_a_take_of_blobs_has_its_cameras_and_can_be_answered(extension, empty, made):
     moved = Suspect(101, 160, "camera cam 1 seems to have moved: its blobs are 1.7 px off")
     empty.scene.mocap_autolabel.take = show_take(empty, replace(made.take(60), suspects=(moved,)))
-    state = empty.window_manager.mocap_autolabel
+    state = session()
     state.trouble_done = "ALL"
     [number] = [number for number, row in enumerate(state.troubles) if row.kind == "camera"]
     assert state.troubles[number].name == "cam 1"
-    assert bpy.ops.mocap_autolabel.show_trouble(index=number) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.accept_trouble(index=number) == {"FINISHED"}
+    press("show_trouble", index=number)
+    press("accept_trouble", index=number)
     assert [row.answered for row in state.troubles if row.kind == "camera"] == [True]
     assert len(state.corrections) == 1
 
@@ -186,7 +186,7 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=6, name=name))
     scene.frame_set(140)
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert [one.name for one in scene.collection.children if naming.TAKE in one] == [settings.take.name]
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == (101, 160, 140)
     stored = stored_take()
@@ -197,7 +197,7 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     words = [row.words for row in state.review.changes]
     assert words == [f"{LOST} is named now in frames 121–130", f"{wrist} is named no more in frames 121–130"]
     settings.labelling.use_range = False
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert len([one for one in scene.collection.children if naming.TAKE in one]) == 1
     words = [row.words for row in state.review.changes]
     assert f"{LOST} is named now in frames 101–120" in words
@@ -208,7 +208,7 @@ def test_a_set_of_the_same_name_with_other_markers_is_put_into_no_take(state):
     settings, before = bpy.context.scene.mocap_autolabel, bpy.context.scene.mocap_autolabel.take
     before["mocap_names"] = json.dumps(json.loads(before["mocap_names"])[::-1])
     ours("scene.opened").opened.forget()
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert settings.take != before
     assert before.hide_viewport
     assert not len(state.review.changes)
@@ -216,12 +216,12 @@ def test_a_set_of_the_same_name_with_other_markers_is_put_into_no_take(state):
 
 def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
     scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
-    bpy.ops.mocap_autolabel.clear()
+    press("clear")
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert (scene.frame_start, scene.frame_end) == (101, 160)
     settings.labelling.range_first, settings.labelling.range_last = 141, 150
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     stored = stored_take()
     assert stored.motion.frames.tolist() == list(range(121, 151))
     named = np.bincount(stored.rows.frame[stored.labels.named], minlength=30) > 0
@@ -235,7 +235,7 @@ def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     steps = labelling.label_to_show(again._job)
     next(steps)
     choose("RKNE")
-    assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
+    press("unlabel", scope="WHOLE")
     labelling.LabelsTake._show(again, context, finished(steps))
     assert len(state.review.corrections) == 1
     assert rows(state, kind="missing", name="RKNE")
@@ -243,17 +243,17 @@ def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
 
 def test_the_lists_go_along_with_what_is_picked_and_the_next_is_still_the_next(state):
     review = state.review
-    bpy.ops.mocap_autolabel.next_trouble()
+    press("next_trouble")
     shown = review.trouble_index
     row = next(row for at, row in rows(state, kind="missing") if row.name != LOST and at != shown)
     bpy.context.scene.frame_set(int(row.first))
-    bpy.ops.mocap_autolabel.timeline_pick(marker=row.name, first=int(row.first), last=int(row.first))
+    press("timeline_pick", marker=row.name, first=int(row.first), last=int(row.first))
     assert review.troubles[review.trouble_index].name == row.name
     assert review.troubles[review.trouble_index].first <= row.first <= review.troubles[review.trouble_index].last
     assert review.markers[review.marker_index].name == row.name
-    bpy.ops.mocap_autolabel.pick(point=state.knee)
+    press("pick", point=state.knee)
     assert LOST in review.troubles[review.trouble_index].reason, "a point that may be it"
-    bpy.ops.mocap_autolabel.next_trouble()
+    press("next_trouble")
     assert review.trouble_index == shown + 1
 
 
@@ -264,9 +264,9 @@ def test_the_chosen_row_stays_when_a_correction_picks_and_what_is_above_it_goes(
     lost = next(number for number, _ in rows(state, kind="missing", name=LOST))
     assert lost < at
     bpy.context.scene.frame_set(int(review.troubles[lost].first))
-    bpy.ops.mocap_autolabel.pick(point=state.knee)
+    press("pick", point=state.knee)
     review.trouble_index = at
-    bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="WHOLE")
+    press("name_point", marker=LOST, scope="WHOLE")
     assert not rows(state, kind="missing", name=LOST)
     assert review.troubles[review.trouble_index].reason == reason
 
@@ -293,7 +293,7 @@ def test_nothing_is_said_to_be_open_before_it_was_looked_for(state):
 def test_what_was_listed_of_another_scene_is_not_answered_in_this_one(state, monkeypatch):
     bpy.ops.scene.new(type="LINK_COPY")
     refused("another scene's; expected a choice in this one's", "accept_trouble", index=0)
-    assert bpy.ops.mocap_autolabel.accept_trouble(index=0) == {"FINISHED"}
+    press("accept_trouble", index=0)
     bpy.context.window.scene = bpy.data.scenes["Scene"]
     panel, timers, said, layout = ours("ui.review"), [], [], MagicMock()
     monkeypatch.setattr(panel.bpy.app.timers, "register", timers.append)
@@ -315,7 +315,7 @@ def test_what_was_listed_of_another_scene_is_not_answered_in_this_one(state, mon
     layout.label.assert_not_called()
     layout.row.assert_called()
     bpy.context.window.scene = bpy.data.scenes["Scene.001"]
-    assert bpy.ops.mocap_autolabel.list_here() == {"FINISHED"}
+    press("list_here")
     assert state.review.of_scene == bpy.data.scenes["Scene.001"].session_uid
 
 
@@ -332,12 +332,12 @@ def in_two_windows(monkeypatch, state, *scenes) -> SimpleNamespace:
 def test_the_lists_of_a_second_window_stay_its_own_a_moment_after_a_correction(state, monkeypatch):
     scene = bpy.context.scene
     bpy.ops.scene.new(type="NEW")
-    assert bpy.ops.mocap_autolabel.list_here() == {"FINISHED"}
+    press("list_here")
     other, bpy.context.window.scene = bpy.context.scene, scene
     state.review.of_scene = other.session_uid
     choose("LASI")
     in_two_windows(monkeypatch, state, other, scene)
-    assert bpy.ops.mocap_autolabel.is_right() == {"FINISHED"}
+    press("is_right")
     ours("ops.correcting").review_now()
     ours("props").list_trouble()
     assert (state.review.of_scene, len(state.review.corrections)) == (scene.session_uid, 1)
@@ -348,7 +348,7 @@ def test_a_view_that_cannot_be_split_stays(labelled):
     screen = bpy.context.screen
     with suppress(RuntimeError):
         for _ in range(20):
-            bpy.ops.mocap_autolabel.show_graph()
+            press("show_graph")
             small = next(area for area in screen.areas if area.ui_type == "FCURVES")
             for area in screen.areas:
                 area.type = "VIEW_3D" if area == small else "PROPERTIES"

@@ -26,7 +26,7 @@ from addon.scene.timing import follow_rate
 from scripts.keep_version import EARLIER
 
 from .conftest import label_walk, open_room, write_room, write_walk
-from .hands import FRAMES, GHOST, choose, keys_of, ours, reopen, shown, stored_take
+from .hands import FRAMES, GHOST, choose, keys_of, ours, press, reopen, session, shown, stored_take
 from .test_points import visible_points
 
 FPS = 24
@@ -96,40 +96,40 @@ def test_what_is_said_in_a_moment_is_said_of_the_frame_that_is_nearest(mapped):
     frame = clock.at(103)
     assert abs(clock.shown(frame) - 103) <= clock.step / 2
     choose("C7")
-    assert bpy.ops.mocap_autolabel.unlabel(scope="FRAME") == {"FINISHED"}
+    press("unlabel", scope="FRAME")
     scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 105, 106
     choose("SACR")
-    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    press("unlabel", scope="RANGE")
     spans = [edit.span for edit in stored_take().edits]
     assert spans == [(frame, frame), clock.inside(105, 106)]
     assert scene.frame_float == 103, "no edit moves the time"
     keyed = keys_of("SACR")[:, 0]
     assert not ((keyed > 104.5) & (keyed < 106.5)).any()
     assert np.abs(keys_of("C7")[:, 0] - clock.shown(frame)).min() > 0.9 * clock.step
-    assert bpy.ops.mocap_autolabel.save_corrections() == {"FINISHED"}
+    press("save_corrections")
     assert [edit.span for edit in read_edits(mapped.edits)] == spans
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert [edit.span for edit in stored_take().edits] == spans
     assert stored_take().clock == clock
 
 
 def test_a_range_that_was_picked_has_its_own_frames_and_no_others(mapped):
     scene, clock = mapped.scene, stored_take().clock
-    bpy.ops.mocap_autolabel.timeline_pick(marker="C7", first=113, last=116)
+    press("timeline_pick", marker="C7", first=113, last=116)
     choose("C7")
-    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    press("unlabel", scope="RANGE")
     clock.go_to(scene, 115)
-    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    press("play_as_take")
     assert (scene.frame_float, scene.frame_preview_start, scene.frame_preview_end) == (115, 113, 116)
     scene.render.fps, scene.render.fps_base = FPS, 1
-    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    press("follow_rate")
     assert stored_take().source_frame(scene.frame_float) == 115
     choose("SACR")
-    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    press("unlabel", scope="RANGE")
     scene.frame_preview_start = scene.frame_preview_end = 104  # where a slow take has none, the nearest is meant
     first, last = clock.inside(104, 104)
     choose("LASI")
-    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    press("unlabel", scope="RANGE")
     here = (first, last) if first <= last else (clock.at(104), clock.at(104))
     assert [edit.span for edit in stored_take().edits] == [(113, 116), (113, 116), here]
 
@@ -137,12 +137,12 @@ def test_a_range_that_was_picked_has_its_own_frames_and_no_others(mapped):
 def test_what_a_person_chose_by_following_stays_when_it_is_labelled_again(labelled):
     scene = bpy.context.scene
     scene.render.fps, scene.render.fps_base = FPS, 1
-    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    press("follow_rate")
     clock = stored_take().clock
     clock.go_to(scene, 115)
     before = clock, scene.render.fps, scene.frame_start, scene.frame_end, scene.frame_float
     assert clock.step < 1
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("label")
     assert (stored_take().clock, scene.render.fps, scene.frame_start, scene.frame_end, scene.frame_float) == before
 
 
@@ -193,26 +193,26 @@ def test_the_points_are_those_of_the_frame_that_is_picked(empty, rate, moments):
 
 
 def test_the_lists_lead_to_the_very_frame(mapped):
-    state, stored = bpy.context.window_manager.mocap_autolabel, stored_take()
+    state, stored = session(), stored_take()
     row = next(row for row in state.markers if row.gaps)
     index = stored.names.index(row.name)
-    bpy.ops.mocap_autolabel.jump(frame=row.first_gap, marker=row.name)
+    press("jump", frame=row.first_gap, marker=row.name)
     at = stored.index_of(bpy.context.scene.frame_float)
     assert at == np.flatnonzero(~np.isfinite(stored.motion.markers[:, index, 0]))[0]
-    bpy.ops.mocap_autolabel.timeline_pick(marker=row.name, first=113, last=113)
+    press("timeline_pick", marker=row.name, first=113, last=113)
     assert stored.source_frame(bpy.context.scene.frame_float) == 113
-    bpy.ops.mocap_autolabel.next_trouble()
+    press("next_trouble")
     trouble = ours("scene.trouble").trouble_of(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)
     now = stored.source_frame(bpy.context.scene.frame_float)
     assert any(first <= now <= last for one in trouble for first, last in one.spans)
 
 
 def test_what_is_written_has_the_takes_own_rate_and_frames(mapped, tmp_path):
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    press("fill_gaps", extent="TAKE")
     written = [tmp_path / "mapped.c3d", tmp_path / "frame by frame.c3d"]
     for path in written:
-        assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(path)) == {"FINISHED"}
-        assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+        press("export_c3d", filepath=path)
+        press("play_as_take")
     take = read_points(written[0])
     assert (take.rate, take.first_frame, len(take.xyz)) == (mapped.rate, 101, FRAMES)
     assert written[0].read_bytes() == written[1].read_bytes()
@@ -224,20 +224,20 @@ def test_there_and_back_again_nothing_is_another(mapped):
     kinds, correct = ours("core.edits.kinds"), ours("ops.correcting").correct
     place = kinds.Place("C7", stored_take().source_frame(103), (0.5, 0.25, 1.25))
     correct(bpy.context, stored_take().edits.added(place, kinds.UnlabelMarker("LASI", frames=(110, 112))))
-    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    press("fill_gaps", extent="TAKE")
     edited = keys_of("C7")
     bpy.ops.ed.undo_push(message="Before")
-    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    press("play_as_take")
     assert astuple(stored_take().clock) == (101, 101, 1.0)
     assert (scene.frame_start, scene.frame_end) == (101, 130)
     assert (keys_of("C7")[:, 0] % 1 == 0).all(), "frame by frame they are whole"
-    fills = bpy.context.window_manager.mocap_autolabel.fills
+    fills = session().fills
     assert [(row.first, row.last) for row in fills] == [(one.first, one.last) for one in stored_take().fills] != []
     spans = [edit.span for edit in stored_take().edits]
     scene.render.fps, scene.render.fps_base = FPS, 1
     timing, take = ours("scene.timing"), scene.mocap_autolabel.take
     assert timing.is_timed_otherwise(scene, take)
-    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    press("follow_rate")
     assert not timing.is_timed_otherwise(scene, take)
     assert (scene.frame_start, scene.frame_end) == (101, stored_take().clock.whole(130)), "what it played"
     np.testing.assert_array_equal(keys_of("C7"), edited)
@@ -245,13 +245,13 @@ def test_there_and_back_again_nothing_is_another(mapped):
     assert ours("scene.ownership").is_keyed_by_us(shown()["C7"]), "whose keys they are is known as before"
     bpy.ops.ed.undo_push(message="There and back")
     scene.render.fps = 30
-    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    press("follow_rate")
     bpy.ops.ed.undo_push(message="Other")
     bpy.ops.ed.undo()
     assert stored_take().clock.step == pytest.approx(FPS / mapped.rate)
     np.testing.assert_array_equal(keys_of("C7"), edited)
     correct(bpy.context, kinds.NO_EDITS)
-    bpy.ops.mocap_autolabel.take_back_fills(extent="TAKE")
+    press("take_back_fills", extent="TAKE")
     np.testing.assert_allclose(keys_of("C7"), before, atol=1e-6)
 
 
@@ -361,7 +361,7 @@ def test_blobs_are_mapped_by_the_rate_that_a_person_says(extension, empty, tmp_p
         assert stored.clock.step == pytest.approx(FPS / rate)
         stored.clock.go_to(scene, 105)
         assert stored.index_of(scene.frame_float) == 105 - stored.motion.frames[0]
-    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    press("play_as_take")
     assert (shown_now(scene).clock.step, scene.render.fps) == (1.0, 120)
 
 
@@ -369,7 +369,7 @@ def test_what_waits_to_be_labelled_takes_the_range_along_and_keeps_the_rate_it_f
     scene = empty.scene
     open_room(write_room(tmp_path, 10))
     scene.render.fps, scene.render.fps_base = FPS, 1
-    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    press("follow_rate")
     stored = ours("ui.overlay").shown(scene)
     assert [scene.frame_start, scene.frame_end] == [stored.clock.whole(end) for end in stored.motion.frames[[0, -1]]]
     scene.mocap_autolabel.source.rate = 120.0

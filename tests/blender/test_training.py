@@ -8,7 +8,6 @@ from functools import wraps
 from pathlib import Path
 from types import SimpleNamespace
 
-import bpy
 import numpy as np
 import pytest
 
@@ -24,7 +23,7 @@ from addon.io.models import open_model, write_model
 from addon.io.points import write_c3d
 from addon.scene.take import Take, show_take
 
-from .hands import choose, ours, refused, stored_take
+from .hands import choose, ours, press, refused, session, stored_take
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +42,7 @@ def files(tmp_path_factory, made):
 def listed(extension, empty, files):
     """A scene with both takes in the list."""
     chosen = [{"name": "one.c3d"}, {"name": "two.c3d"}]
-    assert bpy.ops.mocap_autolabel.add_training_takes(directory=str(files.folder), files=chosen) == {"FINISHED"}
+    press("add_training_takes", directory=files.folder, files=chosen)
     return empty
 
 
@@ -80,11 +79,11 @@ def test_takes_are_listed_once_with_their_subject(listed, files):
         ("one.c3d", 13, files.folder.name),
         ("two.c3d", 13, files.folder.name),
     ]
-    bpy.ops.mocap_autolabel.add_training_takes(filepath=str(files.folder / "one.c3d"))
+    press("add_training_takes", filepath=files.folder / "one.c3d")
     assert len(training_takes) == 2
-    refused(r"raw\.c3d: has no named markers", "add_training_takes", filepath=str(files.folder / "raw.c3d"))
+    refused(r"raw\.c3d: has no named markers", "add_training_takes", filepath=files.folder / "raw.c3d")
     listed.scene.mocap_autolabel.training.take_index = 1
-    bpy.ops.mocap_autolabel.remove_training_take()
+    press("remove_training_take")
     assert [row.name for row in training_takes] == ["one.c3d"]
     assert listed.scene.mocap_autolabel.training.take_index == 0
 
@@ -93,7 +92,7 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
     settings = listed.scene.mocap_autolabel
     settings.training.trained_name = "ours"
     settings.training.takes[1].subject = "bob"
-    assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
+    press("train")
     path = own_folder / "ours.markerset.json"
     assert Path(settings.subjects.markerset) == Path(settings.subjects.markerset_path) == path
     model = open_model(path)
@@ -101,8 +100,8 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
     assert {row.subject for row in model.training_takes} == {files.folder.name, "bob"}
     refused(r"ours\.markerset\.json: is there already", "train")
 
-    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "raw.c3d"))
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    press("import_points", filepath=files.folder / "raw.c3d")
+    press("label")
     take = stored_take()
     named = take.labels.marker >= 0
     assert named.mean() > 0.8
@@ -111,10 +110,10 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
 
 def test_the_file_that_is_open_is_learned_from_by_one_button(empty, files, own_folder):
     refused("Open a take of 3D points whose file names them", "learn_file")
-    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "raw.c3d"))
+    press("import_points", filepath=files.folder / "raw.c3d")
     refused("Open a take of 3D points whose file names them", "learn_file")
-    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "one.c3d"))
-    assert bpy.ops.mocap_autolabel.learn_file() == {"FINISHED"}
+    press("import_points", filepath=files.folder / "one.c3d")
+    press("learn_file")
     path = own_folder / "one.markerset.json"
     assert open_model(path).markerset.markers == files.markers
     assert Path(empty.scene.mocap_autolabel.subjects.markerset) == path, "Label names by it"
@@ -125,15 +124,15 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_
     jobs_given.said = {"doubts": ["one subject"], "body": {"segments": {"all": list(files.markers)}}}
     settings = listed.scene.mocap_autolabel
     settings.training.takes[0].subject = "ann [2]"
-    assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
+    press("train")
     [job] = jobs_given.jobs
     assert [path.name for path in job.takes] == ["one.c3d", "two.c3d"]
     assert (job.name, job.base, job.overwrite, job.kept) == ("mine", None, False, ())
     assert job.by == ours("jobs.models").system_user() != ""
     assert [name for name, _ in job.subjects] == ["ann [2]", files.folder.name]
-    assert [row.name for row in listed.window_manager.mocap_autolabel.doubts] == ["one subject"]
+    assert [row.name for row in session().doubts] == ["one subject"]
     settings.training.train_on = True
-    bpy.ops.mocap_autolabel.train()
+    press("train")
     other = jobs_given.jobs[1]
     assert (other.base, other.out, other.overwrite) == (str(job.out), job.out, True)
     settings.subjects.markerset = "gait15"
@@ -157,11 +156,11 @@ def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, own_folder, ex
     fingerprint = open_model(own).fingerprint
     newer = replace(base, history=ModelHistory((ModelVersion(2, origin=fingerprint),)), likelihood=None)
     write_model(candidate, newer)
-    settings, state = listed.scene.mocap_autolabel, listed.window_manager.mocap_autolabel
+    settings, state = listed.scene.mocap_autolabel, session()
     refused("Train a marker set on first", "adopt_model")
     settings.subjects.markerset, settings.training.train_on = str(own), True
     settings.training.takes[1].kept = True
-    assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
+    press("train")
     [job] = jobs_given.jobs
     assert [[path.name for path in paths] for paths in (job.takes, job.kept)] == [["one.c3d"], ["two.c3d"]]
     assert Path(state.candidate) == candidate
@@ -169,7 +168,7 @@ def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, own_folder, ex
     assert any("worse: B 20.00 % right (100 %) and 30.00 % wrong (0 %)" in line for line in words)
     assert words[-1].startswith("Worse: kept.c3d")
     assert open_model(own).fingerprint == fingerprint, "nothing is adopted before the button"
-    assert bpy.ops.mocap_autolabel.adopt_model() == {"FINISHED"}
+    press("adopt_model")
     assert open_model(own).likelihood is None
     assert open_model(own_folder / "ours.v1.markerset.json").fingerprint == fingerprint
     assert (state.candidate, len(state.differences), candidate.exists()) == ("", 0, False)
@@ -185,7 +184,7 @@ def test_nothing_can_be_learned_from_nothing(extension, empty):
 
 
 @pytest.fixture
-def standing(extension, empty, own_folder):
+def standing(empty, settings, own_folder):
     """A labelled take of the demo's virtual person in a scene, whose heel nobody has named in its second frame."""
     markerset = open_markerset("body26")
     xyz = make_performance(markerset).take.xyz[:3]
@@ -198,7 +197,6 @@ def standing(extension, empty, own_folder):
     motion = motion_of(*there, labels, markerset, points.frames)
     rows = PointRows.of(points)
     take = Take("st/and", 100.0, NO_CAMERAS, markerset, rows, labels[np.nonzero(points.present)], motion)
-    settings = empty.scene.mocap_autolabel
     settings.take = show_take(empty, take)
     return SimpleNamespace(context=empty, settings=settings, names=markerset.markers, xyz=xyz)
 
@@ -207,7 +205,7 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, jobs
     jobs_given.said = {"doubts": ["one frame"]}
     standing.settings.training.trained_name = "hers"
     standing.context.scene.frame_set(102)
-    assert bpy.ops.mocap_autolabel.learn_frame() == {"FINISHED"}
+    press("learn_frame")
     [job] = jobs_given.jobs
     [frame] = job.shown
     assert (job.name, job.out, job.base) == ("hers", own_folder / "hers.markerset.json", None)
@@ -216,7 +214,7 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, jobs
     where = {name: place for name, place in zip(standing.names, standing.xyz[1], strict=True) if name != "LHEE"}
     assert all(np.allclose(frame.xyz[0, frame.names.index(name)], place, atol=1e-4) for name, place in where.items())
     assert not job.takes
-    assert [row.name for row in standing.context.window_manager.mocap_autolabel.doubts] == ["one frame"]
+    assert [row.name for row in session().doubts] == ["one frame"]
     job.out.touch()
     refused(r"hers\.markerset\.json: is there already", "learn_frame")
 
@@ -240,7 +238,7 @@ def unsure(standing, marker: str, frame: int):
 def test_a_whole_take_is_learned_from_but_what_is_doubtful_and_nobody_looked_at(standing, own_folder, jobs_given):
     unsure(standing, "RHEE", 1)
     standing.settings.training.trained_name = "hers"
-    assert bpy.ops.mocap_autolabel.learn_take() == {"FINISHED"}
+    press("learn_take")
     [job] = jobs_given.jobs
     assert (job.takes, job.out, job.base, job.body) == ((), own_folder / "hers.markerset.json", None, "body26")
     [take] = job.shown
@@ -250,18 +248,18 @@ def test_a_whole_take_is_learned_from_but_what_is_doubtful_and_nobody_looked_at(
     assert seen[:, left].tolist() == [True, False, True]
     assert seen[:, lost].tolist() == [True, False, True]
     assert np.delete(seen, [left, lost], axis=1).all()
-    said = [row.name for row in standing.context.window_manager.mocap_autolabel.doubts]
+    said = [row.name for row in session().doubts]
     assert said[0].startswith("RHEE: 1 doubtful frame that nobody looked at was not learned")
 
 
 def test_what_was_answered_is_learned_and_an_own_set_goes_on(standing, own_folder, jobs_given):
     unsure(standing, "RHEE", 1)
     choose("RHEE")
-    bpy.ops.mocap_autolabel.is_right(scope="WHOLE")
+    press("is_right", scope="WHOLE")
     own = own_folder / "ours.markerset.json"
     shutil.copy(Path(__file__).parents[2] / "assets" / "body26.markerset.json", own)
     standing.settings.subjects.markerset = str(own)
-    assert bpy.ops.mocap_autolabel.learn_take() == {"FINISHED"}
+    press("learn_take")
     [job] = jobs_given.jobs
     assert np.isfinite(job.shown[0].xyz[:, standing.names.index("RHEE")]).all()
     assert (Path(job.base), job.out, job.name, job.overwrite) == (own, own, None, True)

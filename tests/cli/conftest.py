@@ -3,6 +3,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,6 +89,17 @@ def room(tmp_path_factory) -> Room:
     assert truth_path(files.blobs) == files.truth
     write_c3d(files.c3d, Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE_RATE, take.first_frame))
     return files
+
+
+@pytest.fixture
+def copies(room, tmp_path):
+    """Copies the room's blobs, or another file, to a folder `takes` under other names."""
+
+    def copy(*names: str, source: Path = room.blobs) -> list[Path]:
+        (tmp_path / "takes").mkdir(exist_ok=True)
+        return [Path(shutil.copy(source, tmp_path / "takes" / f"{name}{source.suffix}")) for name in names]
+
+    return copy
 
 
 @pytest.fixture

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several takes at once: what goes wrong with one of them, and a batch that is stopped and resumed."""
+"""Several takes at once: what goes wrong with one of them, and a batch that is disturbed, stopped and resumed."""
 
 import errno
 import json
@@ -18,7 +18,8 @@ from addon import jobs
 from addon.cli import serving, workers
 from addon.demo.take import MODEL
 from addon.io import scratch, tables
-from tests.faults.stage import at_work, wait_for
+from tests.faults.__main__ import Judge
+from tests.faults.stage import ROOT, Said, at_work, files_of, wait_for
 
 from .conftest import lengthened
 
@@ -27,10 +28,9 @@ LONG = 30  # times the walk, which takes longer than whoever stops it needs
 
 
 @pytest.fixture
-def takes(room, tmp_path):
+def takes(copies):
     """Three takes of the same blobs."""
-    (tmp_path / "takes").mkdir()
-    return [Path(shutil.copy(room.blobs, tmp_path / "takes" / f"{name}.csv")) for name in ("one", "two", "three")]
+    return copies("one", "two", "three")
 
 
 @pytest.fixture
@@ -79,15 +79,32 @@ def test_whatever_one_take_fails_of_the_others_are_labelled_and_printed(label, t
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_files_that_are_no_takes_do_not_stop_the_others(run, room, takes, tmp_path, jobs):
-    takes[1].write_text("hello")
+def test_files_that_are_no_takes_do_not_stop_the_others_and_processes_are_shared(
+    run, room, takes, tmp_path, monkeypatch, jobs
+):
+    popen, lines = subprocess.Popen, []
+    monkeypatch.setattr(subprocess, "Popen", lambda line, **more: lines.append(line) or popen(line, **more))
+    takes[1].write_text("frame,camera,x,y\n1,nowhere,3,4\n")
+    (tmp_path / "takes" / "text.csv").write_text("hello")
     (tmp_path / "takes" / "none.c3d").write_bytes(b"")
     line = ["label", tmp_path / "takes" / "*.c*", tmp_path / "gone.csv", room.c3d, "--cameras", room.cameras]
     answer = run(*line, "--model", MODEL, "--out", tmp_path / "out", *FEW, "--jobs", jobs, "--json")
-    assert "gone.csv: there is no such file" in answer.err and "two.csv:1: holds neither blobs nor" in answer.err
+    for reason in (
+        "gone.csv: there is no such file",
+        "two.csv:2: camera 'nowhere'",
+        "text.csv:1: holds neither blobs nor",
+    ):
+        assert reason in answer.err
     said = json.loads(answer.out)
     assert answer.status == 2 and {take["take"] for take in said["takes"]} == {"one", "three", "take"}
-    assert {take["take"] for take in said["failed"]} == {"two", "none", "gone"}
+    assert {(take["take"], take["status"]) for take in said["failed"]} == {
+        (name, 2) for name in ("two", "text", "none", "gone")
+    }
+    assert len(list((tmp_path / "out").iterdir())) == 3 * 4
+    assert len(lines) == (0 if jobs == "1" else 2)
+    run("label", takes[0], "--cameras", room.cameras, "--model", MODEL, "--out", tmp_path / "alone", *FEW).done()
+    alone = (tmp_path / "alone" / "one.labels.csv").read_bytes()
+    assert all((tmp_path / "out" / f"{name}.labels.csv").read_bytes() == alone for name in ("one", "three"))
 
 
 @pytest.mark.parametrize("broken", ["walk.labels.csv", "summary.report.html"])
@@ -269,3 +286,33 @@ def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, 
         assert batch.stderr.read().endswith("stopped before the end; nothing half-written was left\n")
         assert not list(temporary.iterdir())
     assert [path.name for path in out.iterdir()] == []
+
+
+KINDS = ["kill", "full", "share"]  # each takes seconds
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc to find processes by")
+def test_whatever_happens_to_a_batch_the_next_run_does_the_rest():
+    command = [sys.executable, "-m", "tests.faults", *KINDS, "--count", "1", "--seed", "3"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [line.partition(":")[0] for line in done.stdout.splitlines() if " tries, " in line] == KINDS
+
+
+def test_a_fault_is_seen(tmp_path):
+    def found(look):
+        judge = Judge(["a"], dict.fromkeys(files_of(["a"]), b"whole"))
+        look(judge)
+        return [kind for kind, _ in judge.trouble]
+
+    out, temporary = tmp_path / "out", tmp_path / "temporary"
+    out.mkdir(), temporary.mkdir()
+    (out / "a.c3d").write_bytes(b"who")
+    (temporary / "left").touch()
+    assert found(lambda judge: judge.whole(out)) == ["half files"]
+    assert found(lambda judge: judge.claims(Said(0, ("a",), ()), out)) == ["claims"]
+    assert found(lambda judge: judge.kept(out, {"a": {}})) == ["lost takes"]
+    assert found(lambda judge: judge.left(out, temporary)) == ["left-overs"]
+    assert found(lambda judge: judge.words(Said(1, (), ("Traceback",)))) == ["sentences that are none"]
+    said = Said(1, (), ("mocap-autolabel: a.c3d: is empty; expected points",))
+    assert found(lambda judge: judge.words(said)) == []

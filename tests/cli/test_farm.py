@@ -3,7 +3,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -92,9 +91,8 @@ def farmed(started, label):
 
 
 @pytest.fixture
-def takes(room, tmp_path):
-    (tmp_path / "takes").mkdir()
-    return [Path(shutil.copy(room.blobs, tmp_path / "takes" / f"{name}.csv")) for name in "abcd"]
+def takes(copies):
+    return copies(*"abcd")
 
 
 def made(out: Path) -> dict:

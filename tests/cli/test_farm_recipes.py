@@ -43,10 +43,9 @@ pytestmark = pytest.mark.skipif(os.name == "nt" or not shutil.which("bash"), rea
 
 
 @pytest.fixture
-def takes(room, tmp_path) -> list[Path]:
+def takes(room, copies) -> list[Path]:
     """Two takes of points, one with a space in its name."""
-    (tmp_path / "takes").mkdir()
-    return [Path(shutil.copy(room.c3d, tmp_path / "takes" / f"{name}.c3d")) for name in ("one", "walk 2")]
+    return copies("one", "walk 2", source=room.c3d)
 
 
 @pytest.fixture

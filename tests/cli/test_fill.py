@@ -3,7 +3,6 @@
 
 import csv
 import json
-import re
 from dataclasses import replace
 
 import ezc3d
@@ -78,24 +77,6 @@ def test_longer_gaps_are_left_and_told(run, holed, tmp_path):
     answer = run("fill", holed / "walk.c3d", "--out", tmp_path / "a.c3d", "--max-gap", 2, "--model", MODEL)
     assert "1 of 2 gaps filled" in answer.out
     assert "left: LKNE, frames 105 to 108: the gap is longer than 2 frames" in answer.out
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (["--out", "a.trc"], r"a.trc: is no file that can say which samples are filled; expected .*\.c3d"),
-        (["--out", "a.c3d", "--markers", "LKNE,NOSE"], "walk.c3d: has no marker NOSE; expected"),
-        (["--out", "a.c3d", "--method", "body"], "the method body needs a body to fit; expected --model"),
-        (["--out", "a.c3d", "--method", "magic"], "invalid choice: 'magic'"),
-        (["--out", "a.c3d", "--max-gap", "0"], "'0' is no number of frames; expected a whole number from 1"),
-        (["--out", "a.c3d", "--model", "nobody"], "nobody"),
-        ([], "--out"),
-    ],
-)
-def test_bad_arguments(run, holed, tmp_path, monkeypatch, words, reason):
-    monkeypatch.chdir(tmp_path)
-    assert re.search(reason, run("fill", holed / "walk.c3d", *words).refusal(2))
-    assert not list(tmp_path.iterdir())
 
 
 def test_bad_inputs(run, holed, tmp_path):

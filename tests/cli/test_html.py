@@ -5,10 +5,6 @@ import errno
 import hashlib
 import json
 import os
-import shutil
-from pathlib import Path
-
-import pytest
 
 from addon.core.data.wording import count_of
 from addon.io.html import pages as take_pages
@@ -19,25 +15,9 @@ FEW = ("--frames", "100:103")
 FEWEST = ("--frames", "100:100")
 
 
-@pytest.fixture
-def takes(room, tmp_path):
-    """Gives copies of the blobs under other names."""
-
-    def copies(*names):
-        (tmp_path / "takes").mkdir(exist_ok=True)
-        return [Path(shutil.copy(room.blobs, tmp_path / "takes" / f"{name}.csv")) for name in names]
-
-    return copies
-
-
 def full(*_):
     """Writes to a full disk."""
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def page(path) -> str:
-    """All that a page says."""
-    return " ".join(" ".join(read(path.read_text(encoding="utf-8")).said).split())
 
 
 def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, room, tmp_path):
@@ -51,7 +31,7 @@ def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, room, tmp_path
     assert label(*FEW, "--html", "--fill", "--edits", edits).status == 0
     report = json.loads((out / "walk.report.json").read_text())
     assert sorted(report["provenance"]["results"]) == [".c3d", ".labels.csv", ".report.html"]
-    text = page(out / "walk.report.html")
+    text = read(out / "walk.report.html").words
     share = 100 * (report["blobs"] - report["unlabelled"]) / report["blobs"]
     for words in (
         f"{share:.1f} % of {report['blobs']:,} blobs named",
@@ -79,34 +59,33 @@ def test_a_page_that_cannot_be_written_costs_all_files(label, tmp_path, monkeypa
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_several_takes_have_a_page_over_all_of_them(label, takes, tmp_path):
+def test_several_takes_have_a_page_over_all_of_them(label, copies, tmp_path):
     out = tmp_path / "out"
-    inputs = takes("one", "two", "broken")
+    inputs = copies("one", "two", "broken")
     inputs[2].write_text("no,blobs\n")
     answer = label(*FEWEST, "--html", "--jobs", "2", blobs=inputs)
     assert answer.status == 2
     assert f"over all takes: {out / 'summary.report.html'}" in answer.out
-    text = (out / "summary.report.html").read_text(encoding="utf-8")
-    links = [each["href"] for each in read(text).of("a")]
+    page = read(out / "summary.report.html")
+    links = [each["href"] for each in page.of("a")]
     assert sorted(links) == ["./one.report.html", "./two.report.html"]
     assert all((out / link).is_file() for link in links)
-    said = page(out / "summary.report.html")
-    assert "2 takes labelled, 1 failed" in said
-    assert "broken" in said
-    assert str(tmp_path) not in text
-    assert "would be written twice" in label(*FEWEST, "--html", blobs=takes("summary", "three")).reason
+    assert "2 takes labelled, 1 failed" in page.words
+    assert "broken" in page.words
+    assert str(tmp_path) not in (out / "summary.report.html").read_text(encoding="utf-8")
+    assert "would be written twice" in label(*FEWEST, "--html", blobs=copies("summary", "three")).reason
 
 
-def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, takes, tmp_path, monkeypatch):
+def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, copies, tmp_path, monkeypatch):
     monkeypatch.setattr(pages, "write_folder_page", full)
-    answer = label(*FEWEST, "--html", "--json", blobs=takes("one", "two"))
+    answer = label(*FEWEST, "--html", "--json", blobs=copies("one", "two"))
     assert "No space left on device" in answer.reason
     assert [report["take"] for report in json.loads(answer.out)["takes"]] == ["one", "two"]
     assert len(list((tmp_path / "out").glob("*.report.html"))) == 2
 
 
-def test_a_page_over_takes_is_replaced_only_by_who_may(label, takes, tmp_path):
-    out, inputs = tmp_path / "out", takes("one", "two")
+def test_a_page_over_takes_is_replaced_only_by_who_may(label, copies, tmp_path):
+    out, inputs = tmp_path / "out", copies("one", "two")
     assert json.loads(label(*FEWEST, "--html", "--json", blobs=inputs).out)["summary"] == str(
         out / "summary.report.html"
     )
@@ -121,4 +100,4 @@ def test_a_page_over_takes_is_replaced_only_by_who_may(label, takes, tmp_path):
     assert "summary.report.html: exists already" in label(*FEWEST, "--html", "--resume", blobs=inputs).reason
     assert (out / "summary.report.html").read_text() == "my own"
     assert label(*FEWEST, "--html", "--resume", "--overwrite", blobs=inputs).status == 0
-    assert "2 takes labelled" in page(out / "summary.report.html")
+    assert "2 takes labelled" in read(out / "summary.report.html").words

@@ -4,7 +4,6 @@
 import csv
 import json
 import shutil
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,25 +83,6 @@ def test_options_are_followed_and_the_results_are_one_object(label, tmp_path):
     assert (tmp_path / "out" / "walk.report.json").read_bytes() == old
     assert label("--overwrite", "--frames", "105:109", "--rate", "50").status == 0
     assert (tmp_path / "out" / "walk.report.json").read_bytes() != old
-
-
-@pytest.mark.parametrize("jobs", ["1", "2"])
-def test_a_take_that_fails_does_not_stop_the_others_and_processes_are_shared(
-    label, done, room, tmp_path, monkeypatch, jobs
-):
-    other, broken = tmp_path / "other.csv", tmp_path / "broken.csv"
-    shutil.copy(room.blobs, other)
-    broken.write_text("frame,camera,x,y\n1,nowhere,3,4\n")
-    popen, lines = subprocess.Popen, []
-    monkeypatch.setattr(subprocess, "Popen", lambda line, **more: lines.append(line) or popen(line, **more))
-    answer = label("--json", "--rate", "60", "--jobs", jobs, blobs=[other, broken, room.blobs])
-    assert "broken.csv:2: camera 'nowhere'" in answer.refusal(2)
-    said = json.loads(answer.out)
-    assert [take["take"] for take in said["takes"]] == ["other", "walk"]
-    assert [(take["take"], take["status"]) for take in said["failed"]] == [("broken", 2)]
-    assert len(list((tmp_path / "out").iterdir())) == 6
-    assert rows_of(tmp_path / "out" / "walk.labels.csv") == done.labels
-    assert len(lines) == (0 if jobs == "1" else 2)
 
 
 def test_inputs_that_would_have_the_same_results_are_refused_before_any_work(label, room, tmp_path):

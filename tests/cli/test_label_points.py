@@ -260,15 +260,3 @@ def test_where_none_fits_that_is_said(found, tmp_path):
 
 def test_a_take_with_another_axis_up_says_so(found):
     assert "to be given, by --up z" in found("--up", "-y").refusal(1)
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (("--models", "nowhere"), "nowhere: is no folder; expected the one of your own marker sets"),
-        (("--model", MODEL, "--models", "."), "--models is of --model auto; expected both of them or neither"),
-        (("--subjects", "2"), "--model auto finds what one subject wears; expected --model MODEL beside --subjects"),
-    ],
-)
-def test_what_does_not_go_with_it(found, words, reason):
-    assert found(*words).refusal(2) == reason

@@ -6,7 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import islice
 from types import SimpleNamespace
@@ -41,6 +42,28 @@ def walk(tmp_path_factory):
     return SimpleNamespace(names=take.names, xyz=take.xyz, played=partial(there_and_back, take.xyz, RATE))
 
 
+@contextmanager
+def naming(server, *words) -> Iterator[subprocess.Popen]:
+    """The command at work on what a server streams; it is stopped by Ctrl-C in the end, and has no word of trouble."""
+    command = [*door(), "live", server.source, *map(str, words)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        yield process
+        process.send_signal(signal.SIGINT)
+        process.rest, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (0, b"")
+
+
+@pytest.fixture
+def fed(monkeypatch):
+    """Has streams be of these frames, whatever their address."""
+
+    def feed(frames, rate: float | None = RATE):
+        stream = type("Stream", (list,), {"rate": rate, "behind": False})(frames)
+        monkeypatch.setattr(live, "open_stream", lambda *_: nullcontext(stream))
+
+    return feed
+
+
 def place(walk, number: int) -> np.ndarray:
     at = (number - 1) % (2 * len(walk.xyz) - 2)
     return walk.xyz[min(at, 2 * len(walk.xyz) - 2 - at)]
@@ -49,17 +72,11 @@ def place(walk, number: int) -> np.ndarray:
 @pytest.mark.parametrize("server", [QtmServer, NatNetServer])
 def test_a_stream_is_named_and_kept_until_it_is_stopped(walk, server, tmp_path):
     out = tmp_path / "live.c3d"
-    with server(walk.played(), RATE) as one:
-        command = [*door(), "live", one.source, "--model", MODEL, "--out", str(out)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-            lines = [json.loads(process.stdout.readline())]
-            while len(lines[-1]["markers"]) < 0.9 * len(walk.names):
-                lines.append(json.loads(process.stdout.readline()))
-            process.send_signal(signal.SIGINT)
-            rest, errors = process.communicate(timeout=60)
-    assert process.returncode == 0, errors
-    assert errors == b""
-    lines += map(json.loads, rest.splitlines())
+    with server(walk.played(), RATE) as one, naming(one, "--model", MODEL, "--out", out) as process:
+        lines = [json.loads(process.stdout.readline())]
+        while len(lines[-1]["markers"]) < 0.9 * len(walk.names):
+            lines.append(json.loads(process.stdout.readline()))
+    lines += map(json.loads, process.rest.splitlines())
     for line in lines:
         assert line.keys() == {"frame", "seconds", "markers", "unnamed", "renamed", "late", "ms"}
         true = dict(zip(walk.names, place(walk, line["frame"]), strict=True))
@@ -116,22 +133,17 @@ def test_two_who_are_in_a_stream_are_named_and_stay_who_they_are(walk, who, tmp_
     both = np.concatenate([walk.xyz[: len(other)], other[:, ::-1]], axis=1)
     truth = [*(("a", name) for name in walk.names), *(("b", name) for name in walk.names[::-1])]
     out, two, called = tmp_path / "live.c3d", 2 * len(walk.names), set()
-    with QtmServer(there_and_back(both, RATE), RATE) as one:
-        command = [*door(), "live", one.source, *who, "--out", str(out)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-            found = 0
-            while found < 100:
-                line = json.loads(process.stdout.readline())
-                at = (line["frame"] - 1) % (2 * len(both) - 2)
-                frame = both[min(at, 2 * len(both) - 2 - at)]
-                found += len(line["markers"]) > 0.9 * two
-                for name, spot in line["markers"].items():
-                    whose, marker = truth[np.linalg.norm(frame - spot, axis=1).argmin()]
-                    assert name.partition(":")[2] == marker
-                    called.add((name.partition(":")[0], whose))
-            process.send_signal(signal.SIGINT)
-            errors = process.communicate(timeout=60)[1]
-    assert process.returncode == 0, errors
+    with QtmServer(there_and_back(both, RATE), RATE) as one, naming(one, *who, "--out", out) as process:
+        found = 0
+        while found < 100:
+            line = json.loads(process.stdout.readline())
+            at = (line["frame"] - 1) % (2 * len(both) - 2)
+            frame = both[min(at, 2 * len(both) - 2 - at)]
+            found += len(line["markers"]) > 0.9 * two
+            for name, spot in line["markers"].items():
+                whose, marker = truth[np.linalg.norm(frame - spot, axis=1).argmin()]
+                assert name.partition(":")[2] == marker
+                called.add((name.partition(":")[0], whose))
     assert len(called) == 2 and len(dict(called)) == 2, "each is one of the two all the time"
     labels = ezc3d.c3d(str(out))["parameters"]["POINT"]["LABELS"]["value"]
     markers = open_markerset(MODEL).markers
@@ -172,12 +184,10 @@ class Solver:
         return WindowNames(self.window.number, marker, subjects=subjects)
 
 
-def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monkeypatch):
+def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, fed):
     body = BodyModel(open_markerset(MODEL))
     order, none = [walk.names.index(name) for name in body.markerset.markers], np.full(body.marker_count, -1)
-    stream = type("Stream", (list,), {"rate": RATE, "behind": False})()
-    stream.extend(StreamFrame(number, number / RATE, place(walk, number)[order], none) for number in range(1, 230))
-    monkeypatch.setattr(live, "open_stream", lambda *_: nullcontext(stream))
+    fed(StreamFrame(number, number / RATE, place(walk, number)[order], none) for number in range(1, 230))
     lines: list[dict] = []
     said = [(1.4, 4, False), (1.7, len(order), False), (1.5, 8, False), (1.8, len(order), True)]
     live.name_stream(live.LiveJob("qtm://here", MODEL), Solver(body, said), lines.append, lambda: False)
@@ -187,7 +197,7 @@ def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monk
 
 @pytest.mark.parametrize(("room", "at_once", "kept"), [(1, 20, 20), (1, 50, 50), (0, 20, 0)])
 def test_what_was_recorded_is_kept_where_temporary_files_find_no_more_room(
-    walk, monkeypatch, tmp_path, room, at_once, kept
+    walk, fed, monkeypatch, tmp_path, room, at_once, kept
 ):
     append, fits = tables.RowFile.append, [True] * room
 
@@ -198,8 +208,7 @@ def test_what_was_recorded_is_kept_where_temporary_files_find_no_more_room(
         self.file.write(b"part of a row")
         raise JobError("cannot hold temporary files; expected room there")
 
-    stream = type("Stream", (list,), {"rate": RATE, "behind": False})(islice(walk.played(), 60))
-    monkeypatch.setattr(live, "open_stream", lambda *_: nullcontext(stream))
+    fed(islice(walk.played(), 60))
     monkeypatch.setattr(live, "KEPT_FRAMES", at_once)
     monkeypatch.setattr(tables.RowFile, "append", full)
     job = live.LiveJob("natnet://here", MODEL, tmp_path / "live.c3d")
@@ -217,10 +226,9 @@ def test_what_was_recorded_is_kept_where_temporary_files_find_no_more_room(
     [range(0, 10**8, 10**6), [1, *range(2**31, 2**31 + 60)], [*range(1000, 1020), *range(500, 560)]],
     ids=["steps", "jump", "anew"],
 )
-def test_numbers_of_frames_that_jump_at_first_take_no_time_and_no_memory(walk, numbers, monkeypatch, tmp_path):
-    stream = type("Stream", (list,), {"rate": None, "behind": False})()
-    stream.extend(StreamFrame(number, float("nan"), place(walk, 1), np.arange(len(walk.names))) for number in numbers)
-    monkeypatch.setattr(live, "open_stream", lambda *_: nullcontext(stream))
+def test_numbers_of_frames_that_jump_at_first_take_no_time_and_no_memory(walk, fed, numbers, tmp_path):
+    same = place(walk, 1), np.arange(len(walk.names))
+    fed((StreamFrame(number, float("nan"), *same) for number in numbers), rate=None)
     lines: list[dict] = []
     solver = SimpleNamespace(free=True, send=lambda window: pytest.fail("window") if len(window.xyz) > 1e5 else None)
     job = live.LiveJob("natnet://here", MODEL, tmp_path / "live.c3d")

@@ -23,9 +23,9 @@ from tests.faults.stage import wait_for
 PATIENCE = 120.0  # s; a busy machine starts slowly
 
 
-def looked_at(worker, seconds=PATIENCE):
+def looked_at(worker):
     """What comes of what a process does."""
-    until = time.monotonic() + seconds
+    until = time.monotonic() + PATIENCE
     while (found := worker.look()) is None:
         assert time.monotonic() < until
         time.sleep(0.02)

@@ -176,11 +176,6 @@ def test_label_and_simulate(label, run, room, lying, tmp_path):
     assert TURNED not in run(*words, "--cameras-up", "y").out
 
 
-def test_no_other_axis_is_known(run, room, tmp_path):
-    words = "reconstruct", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "a.c3d", "--up", "w"
-    assert run(*words).status == 2
-
-
 PAUSE = 5 * 60 * 240  # frames: five minutes at 240 Hz
 
 
@@ -304,12 +299,7 @@ def test_other_cameras_overrule_its_own_and_those_that_are_not_there_are_named(r
     assert "expected some of the calibration's, c11" in answer.reason
 
 
-def test_what_is_asked_for_and_not_there_is_refused(run, capture, room, tmp_path):
-    for words, said in (
-        ((room.c3d, "--use", "blobs"), "holds 3D points; expected a take of blobs, or no --use"),
-        ((room.blobs, "--cameras", room.cameras, "--use", "points"), "holds blobs; expected a take of points, or no"),
-    ):
-        assert said in run("label", *words, "--model", MODEL, "--out", tmp_path).reason
+def test_a_capture_that_is_none_is_refused(run, capture, tmp_path):
     (tmp_path / "cut.qtm").write_bytes(capture.read_bytes()[:3000])
     (tmp_path / "text.qtm").write_text("frame,camera,x,y\n")
     for name, said in (("cut", "is a damaged compound file"), ("text", "is no OLE compound file; expected a capture")):

@@ -96,20 +96,6 @@ def test_markers_that_no_model_has_and_subjects_names(simulate, room, tmp_path):
     assert chosen["markers"] == list(open_markerset(MODEL).markers)
 
 
-@pytest.mark.parametrize(
-    ("words", "status", "reason"),
-    [
-        (("--frames", "900:"), 2, "of its own 100 to 119"),
-        (("--noise", "loud"), 2, "--noise"),
-        (("--model", "nobody"), 2, "nobody"),
-    ],
-)
-def test_what_cannot_be(simulate, words, status, reason):
-    answer = simulate(*words)
-    assert answer.status == status
-    assert reason in answer.reason
-
-
 def test_a_take_of_another_kind(simulate, room, tmp_path):
     assert simulate(take=room.cameras).status == 2
     broken = tmp_path / "broken.c3d"

@@ -138,20 +138,6 @@ def test_a_model_without_evidence_is_judged_by_its_spread_and_keeps_the_markers_
     assert not {row["marker"] for row in report["advice"]} & {"LANK", "RANK"}
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (["nobody"], "there is no marker set nobody"),
-        (["gait15", "--keep", "NOSE"], "gait15 has no marker NOSE"),
-        (["gait15", "--goal", "0"], "'0' is no separation"),
-        (["gait15", "--advice", "99"], "'99' is no number of changes"),
-        ([], "MODEL"),
-    ],
-)
-def test_what_cannot_be_judged(run, words, reason):
-    assert reason in run("quality", *words).refusal(2)
-
-
 def test_a_report_is_not_overwritten_unasked(run, bare, tmp_path):
     path = tmp_path / "quality.json"
     path.write_text("mine")

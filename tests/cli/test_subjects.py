@@ -130,26 +130,6 @@ def test_one_where_there_are_two_is_told_how_to_have_both(label):
     assert "--subjects" in label("--model", WORN).reason
 
 
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        ((), "nothing says what is worn"),
-        (("--model", WORN, "--subjects", "0"), "'0' is no number of subjects"),
-        (("--model", WORN, "--subjects", "many"), "'many' is no number of subjects"),
-        (("--model", WORN, "--subject", f"ann={WORN}"), "--subject and --model both say"),
-        (("--subject", f"ann={WORN}", "--subjects", "2"), "--subject and --subjects both say"),
-        (("--subject", f"ann={WORN}", "--subject", f"Ann={WORN}"), "--subject names somebody twice"),
-        (("--subject", WORN), "says not who wears what"),
-        (("--subject", f"={WORN}"), "says not who wears what"),
-        (("--subject", "ann="), "says not who wears what"),
-        (("--subject", f"Ren\u00e9={WORN}", "--subject", f"rene\u0301={WORN}"), "--subject names somebody twice"),
-        (("--model", WORN, "--subjects", "2", "--method", "fit"), "several subjects need a model"),
-    ],
-)
-def test_what_cannot_be_asked(label, words, reason):
-    assert reason in label(*words).refusal(2)
-
-
 @pytest.mark.parametrize("sign", [*' :,*|"', "\x01", "\x7f", "\u200b", "\u202e", "\udcff", 40 * "o"])
 def test_what_nobody_can_be_called(label, tmp_path, sign):
     reason = label("--subject", f"a{sign}b={WORN}", "--subject", f"bob={WORN}").refusal(2)

@@ -27,15 +27,15 @@ from tests.inputs.walkers import write_truth
 NAMES = tuple(f"{part}{number}" for part in ("BODY", "HEAD") for number in range(1, 6))
 
 
-def creature(seed: int, frames: int = 150) -> np.ndarray:
+def creature(seed: int) -> np.ndarray:
     """(T, 10, 3) m: a body with a head that nods, which walks about; everybody's markers sit a little elsewhere."""
     chance, form = np.random.default_rng(seed), np.random.default_rng(42)
     body = form.uniform([-0.4, -0.15, 0.4], [0.4, 0.15, 0.7], (5, 3)) + chance.normal(0, 0.006, (5, 3))
     head = form.uniform([-0.05, -0.1, 0.0], [0.25, 0.1, 0.2], (5, 3)) + chance.normal(0, 0.006, (5, 3))
-    time = np.arange(frames)[:, None] / 100
+    time = np.arange(150)[:, None] / 100
     nod = rotations.exponential(np.column_stack([0 * time, 0.5 * np.sin(3 * time + seed), 0.4 * np.sin(2 * time)]))[0]
     heads = np.einsum("fij,mj->fmi", nod, head) + np.array([0.45, 0, 0.6])
-    whole = np.concatenate([np.broadcast_to(body, (frames, 5, 3)), heads], axis=1)
+    whole = np.concatenate([np.broadcast_to(body, (150, 5, 3)), heads], axis=1)
     heading = rotations.exponential(np.column_stack([0 * time, 0 * time, seed + 0.8 * time]))[0]
     walked = np.einsum("fij,fmj->fmi", heading, whole) + np.stack([time, 0.3 * time, 0 * time], axis=-1)
     return walked + chance.normal(0, 0.001, walked.shape)
@@ -296,25 +296,6 @@ def test_words_alone_make_a_model_that_names_somebody(run, tmp_path):
     given = np.isfinite(named.xyz[:, : len(order), 0])
     off = np.linalg.norm(named.xyz[:, : len(order)] - somebody, axis=2)
     assert given.mean() > 0.9 and (off[given] < 1e-3).mean() > 0.99
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        (("take.c3d",), "--set makes a model from words alone; expected no take with it"),
-        (("--from", "gait15"), "expected no --from with it"),
-        (("--lean", "--search", "genetic"), "expected no --search and no --lean with it"),
-    ],
-)
-def test_beside_words_nothing_else_teaches(run, tmp_path, more, words):
-    answer = run("train", *more, "--set", "helen_hayes", "--out", str(tmp_path / "a.markerset.json"))
-    assert answer.status == 2 and words in answer.err
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_marker_set_in_words_is_no_model(run, tmp_path):
-    answer = run("label", str(tmp_path / "x.c3d"), "--model", "helen_hayes", "--out", str(tmp_path / "out"))
-    assert answer.status == 2 and "train --set helen_hayes --out helen_hayes.markerset.json" in answer.err
 
 
 def test_a_take_of_one_labelled_frame_is_enough_of_a_person(tmp_path, monkeypatch):

@@ -5,7 +5,6 @@ import _thread
 import json
 import shutil
 import threading
-import time
 from functools import partial
 from pathlib import Path
 
@@ -14,13 +13,13 @@ import pytest
 from addon.cli.label import watching
 from addon.io.arrivals import Arrivals
 from addon.io.batch import read_table
+from tests.faults.stage import wait_for
 from tests.io.pages import read
 
 from .conftest import lengthened
 
 FEW = ("--watch", "--frames", "100:101")
 LONG = 200  # times the walk
-PATIENCE = 120.0  # s; a busy machine labels slowly
 
 
 @pytest.fixture
@@ -41,10 +40,7 @@ def meanwhile():
         def act():
             try:
                 for ready in steps:
-                    until = time.monotonic() + PATIENCE
-                    while not ready():
-                        assert time.monotonic() < until
-                        time.sleep(0.02)
+                    wait_for(ready)
             except Exception as error:  # noqa: BLE001 - told where it is seen
                 failed.append(error)
             _thread.interrupt_main()
@@ -89,7 +85,7 @@ def test_takes_are_labelled_as_they_arrive_until_somebody_stops_it(label, room, 
     assert sorted(line.partition(":")[0] for line in said[:4]) == ["bad", "bad", "one", "two"]
     assert sum(line.startswith("bad: failed, ") for line in said) == 1
     assert sorted(line.split()[0] for line in said[4:]) == ["bad", "one", "take", "two"]
-    links = [each["href"] for each in read((out / "summary.report.html").read_text(encoding="utf-8")).of("a")]
+    links = [each["href"] for each in read(out / "summary.report.html").of("a")]
     assert sorted(links) == ["./bad.report.html", "./one.report.html", "./two.report.html"]
     assert all((out / link).is_file() for link in links)
     assert {path.suffix for path in out.iterdir()} == {".csv", ".c3d", ".html", ".json"}
@@ -150,17 +146,3 @@ def test_a_batch_that_is_named_take_by_take_has_a_table_too(label, room, tmp_pat
     text = label("--frames", "100:100", "--summary", "--resume", blobs=[room.blobs, bad]).out
     assert text.index("bad ") < text.index("walk  ")
     assert [row.state for row in read_table(tmp_path / "out" / "summary.csv")] == ["failed", "done before"]
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (("--idle", "3"), "--idle is for folders that are watched; expected --watch"),
-        (("--watch",), "walk.csv: is no folder; expected one to watch"),
-        (("--watch", "--edits", "mine.json"), "--edits is of one take; expected none with --watch"),
-        (("--watch", "--engine", "dask", "--scheduler", "tcp://there"), "expected --watch without --engine dask"),
-        (("--watch", "--idle", "-1"), "'-1' is no time; expected a number from 0"),
-    ],
-)
-def test_what_cannot_be_watched_is_said(label, words, reason):
-    assert reason in label(*words).reason

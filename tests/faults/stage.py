@@ -141,12 +141,12 @@ def at_work(temporary: Path) -> list[int]:
     return found
 
 
-def wait_for(what: Callable[[], object], seconds: float = SECONDS):
+def wait_for(what: Callable[[], object]):
     """Waits until something is so; TimeoutError where it never is."""
-    end = time.monotonic() + seconds
+    end = time.monotonic() + SECONDS
     while not what():
         if time.monotonic() > end:
-            raise TimeoutError(f"what was waited for does not come within {seconds:.0f} s")
+            raise TimeoutError(f"what was waited for does not come within {SECONDS:.0f} s")
         time.sleep(0.02)
 
 

@@ -4,6 +4,7 @@
 import re
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
+from pathlib import Path
 
 EMPTY = {"meta", "br", "hr"}
 
@@ -16,6 +17,7 @@ class Elements(HTMLParser):
         self.found, self.open, self.said = [], [], []
         self.feed(text)
         self.close()
+        self.words = " ".join(" ".join(self.said).split())
 
     def handle_starttag(self, tag, attributes):
         self.found.append((tag, dict(attributes)))
@@ -35,8 +37,10 @@ class Elements(HTMLParser):
         return [attributes for name, attributes in self.found if name == tag]
 
 
-def read(text: str) -> Elements:
+def read(text: str | Path) -> Elements:
     """The page as a browser and as XML has it; it is sound, accessible, and asks for nothing from elsewhere."""
+    if isinstance(text, Path):
+        text = text.read_text(encoding="utf-8")
     ElementTree.fromstring(text)
     page = Elements(text)
     assert page.open == []

@@ -123,14 +123,14 @@ def yml(cameras: Cameras, intrinsics: bool = True, extrinsics: bool = True) -> s
     return text
 
 
-def write_selfcal(folder: Path, cameras: Cameras, scale: float = -2.5):
+def write_selfcal(folder: Path, cameras: Cameras):
     """A folder of self-calibration; a projection matrix is good up to its scale and sign."""
     folder.mkdir(exist_ok=True)
     np.savetxt(folder / "Res.dat", cameras.size, fmt="%d")
     (folder / "camera_order.txt").write_text("\n".join(cameras.names) + "\n")
     for index in range(len(cameras)):
         matrix, lens = cameras.matrix[index], cameras.distortion[index]
-        projection = scale * matrix @ cameras.extrinsics[index]
+        projection = -2.5 * matrix @ cameras.extrinsics[index]
         head = "# Created by Octave\n# name: Pmat\n# type: matrix\n# rows: 3\n# columns: 4\n"
         body = "\n".join(" " + row(values) for values in projection)
         (folder / f"camera{index + 1}.Pmat.cal").write_text(head + body + "\n")
@@ -163,7 +163,7 @@ def vicon(frames: int = 5) -> str:
     return f"{plate}{head}{rows}\nModel Outputs\n100\n,,Ann:LHipAngles,,\n"
 
 
-def motive(frames: int = 5) -> str:
+def motive() -> str:
     """A Motive export, y up, mm: one labelled, one unlabelled marker and a rigid body that is no marker."""
     head = (
         "Format Version,1.23,Take Name,test,Capture Frame Rate,240.000000,Export Frame Rate,120.000000,"
@@ -175,7 +175,7 @@ def motive(frames: int = 5) -> str:
         "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,X,Y,Z,X,Y,Z\n"
     )
     rows = ""
-    for frame in range(frames):
+    for frame in range(5):
         gap = ",,," if frame == 2 else f",{100 + frame},{1000 + frame},{-200 - frame}"
         rows += f"{frame},{frame / 120:.6f},0,0,0,1,5,6,7{gap},11,22,33\n"
     return head + rows

@@ -18,11 +18,11 @@ from tests.io.samples import mcal, opencv_matrix, qca, ring, write_selfcal, xcp,
 ROOM = np.random.default_rng(3).uniform([-1, -1, 0], [1, 1, 1.9], (50, 3))
 
 
-def assert_same(found, wanted, pixels=1e-6):
+def assert_same(found, wanted):
     assert found.names == wanted.names
     np.testing.assert_allclose(found.size, wanted.size)
     np.testing.assert_allclose(found.centres, wanted.centres, atol=1e-9)
-    np.testing.assert_allclose(found.project(ROOM), wanted.project(ROOM), atol=pixels)
+    np.testing.assert_allclose(found.project(ROOM), wanted.project(ROOM), atol=1e-6)
 
 
 def write(path, content):
@@ -101,10 +101,10 @@ def test_vicon_names_are_those_that_tell_cameras_apart(tmp_path):
     assert read_cameras(write(tmp_path / "a.xcp", text)).names == ("2100", "2101", "Left")
 
 
-def bonitas(centre=(512, 512)):
+def bonitas():
     """Four cameras as Bonitas have them, of square pixels and without a lens."""
     rig = ring(distortion=np.zeros(5))
-    matrix = np.tile([[900.0, 0, centre[0]], [0, 900, centre[1]], [0, 0, 1]], (4, 1, 1))
+    matrix = np.tile([[900.0, 0, 512], [0, 900, 512], [0, 0, 1]], (4, 1, 1))
     return replace(rig, size=np.full((4, 2), 1024.0), matrix=matrix)
 
 

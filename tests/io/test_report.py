@@ -4,14 +4,15 @@
 import json
 import time
 import xml.etree.ElementTree as ElementTree
-from dataclasses import replace
-from itertools import pairwise
+from dataclasses import asdict, replace
+from itertools import pairwise, zip_longest
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addon.core.data.errors import InputError
 from addon.core.data.takes import (
     BY_EDIT,
     NO_MARKER,
@@ -23,12 +24,14 @@ from addon.core.data.takes import (
     Suspect,
 )
 from addon.core.edits.kinds import AssignPoint, Edits, Place
+from addon.core.review.changes import changes, summary_of_changes
 from addon.core.review.overview import OverviewSubject, TakeOverview
 from addon.core.review.summary import TakeSummary
 from addon.core.review.take_trouble import TakeTrouble
 from addon.io.batch import TakeRow, row_of
 from addon.io.html.markup import is_page
 from addon.io.html.pages import write_folder_page, write_take_page
+from addon.io.labels import MAX_LISTED, LabelFile, facts_of_changes
 from addon.io.report import facts_of_trouble, take_report
 from addon.io.text import write_json
 from tests.core.scenes import motion_of
@@ -93,14 +96,13 @@ def test_a_page_says_what_the_report_says(tmp_path):
     made = {"method": "likelihood", "model_version": 3, "model_fingerprint": "0123abcd"}
     text = page_of(tmp_path, rows, chunk, names, edits, filled=gaps, left=left, notes=["the file has no axis"], **made)
     page = read(text)
-    said = " ".join(" ".join(page.said).split())
     for words in (
         "80 frames (0.8 s), marker set body26 , version 3", "Fingerprint of the marker set 0123abcd", "Frames 31 to 34",
         "LKNE is far from where the body has it", "The file has no axis", "LKNE is trajectory 3, frames 10–12",
         "it is so already", "1 gap filled by the program, 1 left", "It is longer than 5 frames", "likelihood",
         "Mocap Autolabel 1.2.3 on 2026-11-22", "by the program: by likelihood", "walk.c3d",
     ):  # fmt: skip
-        assert words in said, words
+        assert words in page.words, words
     drawn = list(ElementTree.fromstring(text).iter("svg"))
     svg = next(each for each in drawn if "from the front" in "".join(each.itertext()))
     rings = [each for each in svg.iter("circle") if each.get("class") == "ring"]
@@ -194,7 +196,7 @@ def test_the_page_over_a_folder_leads_to_each_take_the_worst_first(tmp_path):
         TakeRow("a", "a.c3d", "waiting"),
     ]
     write_folder_page(path, rows, "2026-11-22")
-    page = read(path.read_text(encoding="utf-8"))
+    page = read(path)
     links = [each["href"] for each in page.of("a")]
     assert links[0] == "./bad%20%26%20worse%20%231.report.html"
     assert sorted(links[1:])[1] == "./good.report.html"
@@ -286,3 +288,110 @@ def test_suspects_that_touch_are_one(ranges, merged):
     for entry in ranges:
         summary.add(chunk(np.ones((1, 1), bool), suspects=[Suspect(*entry)], labels=()))
     assert [(s.first, s.last, s.reason) for s in summary.suspects] == merged
+
+
+MARKERS = ("LASI", "RASI", "Bob:LKNE", "a,b")
+NAMES = ("", "LASI", "RASI", "Bob:LKNE", '"a,b"', "of another model")
+
+
+def all_rows_read(before, after) -> dict:
+    """The same by every row of both files: what it is to be."""
+    index = {name: number for number, name in enumerate(MARKERS)}
+    table = []
+    try:
+        with LabelFile(before) as old, LabelFile(after) as new:
+            for one, other in zip_longest(old.rows(), new.rows()):
+                if one is None or other is None or (one.frame, one.key) != (other.frame, other.key):
+                    return {}
+                table.append((one.frame, index.get(one.marker, NO_MARKER), index.get(other.marker, NO_MARKER)))
+    except InputError:
+        return {}
+    frame, was, now = np.array(table, dtype=np.int64).reshape(-1, 3).T
+    frames, at = np.unique(frame, return_inverse=True)
+    found = changes(at.ravel(), was, now, MARKERS, frames)
+    return {"changed": [asdict(one) for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
+
+
+def labels(rng, blobs: bool) -> tuple[str, list[list[str]]]:
+    """A header and the rows of some frames, of which a few numbers are left out."""
+    frames = np.sort(rng.choice(np.arange(95, 140), 30, replace=False))
+    rows = []
+    for frame in frames.tolist():
+        for point in range(rng.integers(1, 6)):
+            key = [f"cam {point % 2}", f"{point}.5", "7"] if blobs else [str(point)]
+            rows.append([str(frame), *key, NAMES[rng.integers(len(NAMES))], "fit", "0.9"])
+    keys = "frame,camera,x,y" if blobs else "frame,point"
+    return f"{keys},marker,step,confidence", rows
+
+
+def otherwise(rng, rows: list[list[str]]) -> list[list[str]]:
+    """The rows with some names, confidences and ways of writing a number changed."""
+    found = [list(row) for row in rows]
+    for row in found:
+        if rng.random() < 0.2:
+            row[-3] = NAMES[rng.integers(len(NAMES))]
+        if rng.random() < 0.1:
+            row[-1] = "0.8"
+        if rng.random() < 0.1:
+            row[0] = f" {row[0]}.0"
+        if rng.random() < 0.1:
+            row[-4] += ".00" if len(row) > 5 else ""
+    return found
+
+
+def write(path, header: str, rows: list[list[str]], end: str = "\n"):
+    path.write_bytes("".join(line + end for line in (header, *map(",".join, rows))).encode())
+    return path
+
+
+@pytest.mark.parametrize("blobs", [True, False])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_changes_are_those_of_all_rows(tmp_path, blobs, seed):
+    rng = np.random.default_rng(seed)
+    header, rows = labels(rng, blobs)
+    before = write(tmp_path / "before.csv", header, rows)
+    after = write(tmp_path / "after.csv", header, otherwise(rng, rows), "\r\n" if seed % 4 == 3 else "\n")
+    found = facts_of_changes(before, after, MARKERS)
+    assert found["changed"]
+    assert found == all_rows_read(before, after)
+
+
+def test_the_order_of_the_columns_is_each_files_own(tmp_path):
+    rng = np.random.default_rng(1)
+    header, rows = labels(rng, True)
+    turned = [[row[4], row[0], *row[1:4], *row[5:]] for row in rows]
+    before = write(tmp_path / "before.csv", "marker,frame,camera,x,y,step,confidence", turned)
+    after = write(tmp_path / "after.csv", header, otherwise(rng, rows))
+    assert facts_of_changes(before, after, MARKERS) == all_rows_read(before, after) != {}
+    assert facts_of_changes(before, before, MARKERS) == {"changed": [], "changed_in_all": ""}
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda lines: lines[:-1],
+        lambda lines: [*lines, b"999,cam 0,1,2,LASI,fit,1"],
+        lambda lines: [lines[0], *lines[2:], lines[1]],
+        lambda lines: [*lines[:5], lines[5].replace(b"cam", b"lens"), *lines[6:]],
+        lambda lines: [*lines[:5], lines[5] + b",more", *lines[6:]],
+        lambda lines: [*lines[:5], lines[5] + b"\0", *lines[6:]],
+        lambda lines: [*lines[:5], b'100,cam 0,1,2,"LASI', *lines[6:]],
+        lambda lines: [b"frame,point,marker", *lines[1:]],
+        lambda lines: [b"something else"],
+        lambda lines: [],
+    ],
+)
+def test_of_other_rows_and_other_files_nothing_is_said(tmp_path, spoil):
+    header, rows = labels(np.random.default_rng(2), True)
+    after = write(tmp_path / "after.csv", header, rows)
+    before = tmp_path / "before.csv"
+    before.write_bytes(b"\n".join(spoil(after.read_bytes().splitlines())))
+    assert facts_of_changes(before, after, MARKERS) == all_rows_read(before, after) == {}
+
+
+def test_an_empty_line_is_no_row(tmp_path):
+    header, rows = labels(np.random.default_rng(3), False)
+    after = write(tmp_path / "after.csv", header, rows)
+    before = tmp_path / "before.csv"
+    before.write_bytes(after.read_bytes().replace(b"\n", b"\n\n"))
+    assert facts_of_changes(before, after, MARKERS) == all_rows_read(before, after) != {}

@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The Python package as pip installs it: complete, with its command, and of the extension's version."""
+"""The Python package as pip installs it, and what run.py installs beside it: complete, pinned and of one version."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.markers import default_environment
+from packaging.requirements import Requirement
 
+import run
 from kernels import build_kernels
 from scripts import build
 
@@ -64,12 +69,12 @@ def installed(wheel, tmp_path_factory) -> Path:
     return folder
 
 
-def run(installed: Path, *command) -> str:
+def told_by(installed: Path, *command) -> str:
     return subprocess.check_output(command, cwd=installed, env=os.environ | {"PYTHONPATH": str(installed)}, text=True)
 
 
 def test_what_is_installed_runs_anywhere_with_all_of_the_extension_no_script_and_the_manifests_version(installed):
-    listed = run(installed, sys.executable, installed / "bin" / "mocap-autolabel", "models")
+    listed = told_by(installed, sys.executable, installed / "bin" / "mocap-autolabel", "models")
     assert {"gait15", "body26", "body39", "actor41", "actor53"} <= {line.split(":")[0] for line in listed.split("\n")}
     package = installed / "mocap_autolabel"
     for folder in ("addon", "assets"):
@@ -78,7 +83,7 @@ def test_what_is_installed_runs_anywhere_with_all_of_the_extension_no_script_and
         assert {path for path in wanted if not (package / path).exists()} == set()
     assert [path.name for path in package.glob("*.py")] == ["__init__.py"]
     code = "from importlib.metadata import version; print(version('mocap-autolabel'))"
-    assert run(installed, sys.executable, "-c", code).strip() == build.version()
+    assert told_by(installed, sys.executable, "-c", code).strip() == build.version()
 
 
 def test_the_wheel_is_of_one_platform_and_brings_the_compiled_library(wheel, installed):
@@ -90,7 +95,7 @@ def test_the_wheel_is_of_one_platform_and_brings_the_compiled_library(wheel, ins
         "import mocap_autolabel_kernels as k; from mocap_autolabel.addon.core.kernels import in_use;"
         "print(k.PATH); assert in_use()"
     )
-    assert Path(run(installed, sys.executable, "-c", code).strip()).is_relative_to(installed)
+    assert Path(told_by(installed, sys.executable, "-c", code).strip()).is_relative_to(installed)
     with zipfile.ZipFile(wheel) as archive:
         [about] = (archive.read(name).decode() for name in archive.namelist() if name.endswith(".dist-info/WHEEL"))
     assert "Root-Is-Purelib: false" in about
@@ -109,3 +114,63 @@ def test_the_source_distribution_holds_what_is_needed_and_without_a_compiler_its
         assert {path for path in wanted if not (sources / path).exists()} == set()
     for name in ("CHANGELOG.md", "LICENSE", "README.md", "blender_manifest.toml", "requirements.txt", "run.py"):
         assert (sources / name).is_file(), name
+
+
+SYSTEMS = [("linux", "x86_64"), ("win32", "AMD64"), ("darwin", "arm64"), ("darwin", "x86_64")]
+
+
+def pins(name: str) -> list[tuple[Requirement, int]]:
+    """Each line of a file of pins, and of how many files it has the hash."""
+    text = (build.ROOT / name).read_text(encoding="utf-8").replace("\\\n", " ")
+    rows = [line for line in text.split("\n") if line and not line.startswith("#")]
+    return [
+        (Requirement(row.partition("--hash")[0]), len(re.findall(r"--hash=sha256:[0-9a-f]{64}\b", row))) for row in rows
+    ]
+
+
+def asked() -> list[Requirement]:
+    project = tomllib.loads((build.ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    lists = [project["project"]["dependencies"], project["build-system"]["requires"]]
+    lists += project["project"]["optional-dependencies"].values()
+    return [Requirement(one) for words in lists for one in words]
+
+
+@pytest.mark.parametrize("python", run.PYTHONS)
+@pytest.mark.parametrize("system", SYSTEMS, ids="-".join)
+def test_everything_asked_for_is_pinned_once(python, system):
+    here = default_environment() | {
+        "python_version": python,
+        "python_full_version": python + ".4",
+        "sys_platform": system[0],
+        "platform_machine": system[1],
+    }
+    meant = [one for one, _ in pins(run.PINNED) if one.marker is None or one.marker.evaluate(here)]
+    pinned = {one.name: str(one.specifier).removeprefix("==") for one in meant}
+    assert len(pinned) == len(meant)
+    wanted = [one for one in asked() if one.marker is None or one.marker.evaluate(here)]
+    assert {"bpy", "numpy", "lzallright", "setuptools"} <= {one.name for one in wanted}
+    assert [str(one) for one in wanted if not one.specifier.contains(pinned.get(one.name, "0"))] == []
+
+
+@pytest.mark.parametrize("name", [run.PINNED, "kernels/compiler.txt"])
+def test_every_pin_has_hashes_and_no_address(name):
+    found = pins(name)
+    assert found
+    assert [str(one) for one, hashes in found if not hashes or not re.fullmatch(r"==[\w.]+", str(one.specifier))] == []
+    text = (build.ROOT / name).read_text(encoding="utf-8")
+    assert "://" not in text and "index" not in text and "find-links" not in text
+
+
+def test_run_installs_the_pins_and_then_the_project_alone(tmp_path, monkeypatch):
+    called = []
+    for name in (run.PINNED, "pyproject.toml", "setup.py", "blender_manifest.toml"):
+        (tmp_path / name).write_bytes((build.ROOT / name).read_bytes())
+    (tmp_path / "env").mkdir()
+    monkeypatch.setattr(run, "ROOT", tmp_path)
+    monkeypatch.setattr(run, "output", lambda command: "3.13")
+    monkeypatch.setattr(run, "call", lambda command: called.append(command[1:]) and 0)
+    for _ in range(2):  # the second finds it done
+        assert run.install("env", "3.13", ["python"]) is not None
+    pinned, project = (words for words in called if "pip" in words)
+    assert pinned[-3:] == ["--require-hashes", "--requirement", "requirements.txt"]
+    assert project[-4:] == ["--no-deps", "--no-build-isolation", "--editable", "."]

@@ -29,10 +29,10 @@ BLURRED = CaptureOptions(noise=2.0, reflections=2, flicker=0.5)
 
 
 @cache
-def found_in(name, seed, facing, height, cameras=4, options=PLAIN):
+def found_in(name, seed, facing, height, cameras=4):
     generator = np.random.default_rng(seed)
     rig = paper_rig(generator) if cameras == 4 else ring_rig(cameras, generator=generator)
-    scene = stand(built_in(name), rig, seed, facing, height, options)
+    scene = stand(built_in(name), rig, seed, facing, height, PLAIN)
     return scene, find_subject(scene.views()[0], Setup.of(rig, scene.markerset), Hints())
 
 
@@ -323,7 +323,6 @@ def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
 
 
 FOUR = ring_rig(4, generator=np.random.default_rng(5))
-ROOM = CaptureOptions(noise=0.5, reflections=2, flicker=0.5)
 
 
 def standing(arms=None, moved=(), seed=4, options=ROOM):

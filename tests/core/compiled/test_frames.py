@@ -64,8 +64,10 @@ def same(one, other, tolerance=1e-9):
 
 
 def both(function, *arguments):
-    """Compares what the kernel and its twin give."""
-    same(function.kernel(*arguments), function.reference(*arguments))
+    """Compares what the kernel and its twin give, an array or several; gives the twin's."""
+    one, other = function.kernel(*arguments), function.reference(*arguments)
+    same(*((one, other) if isinstance(one, tuple) else ([one], [other])))
+    return other
 
 
 def refused(*calls):
@@ -286,8 +288,7 @@ def test_nothing_seen_and_nothing_known():
 @given(SEEDS, st.sampled_from([1, 2, 5]), st.booleans())
 def test_rays_meet_the_same(seed, cameras, lengths):
     generator, sight, view, _ = scene(seed, max(cameras, 2), 6, 1)
-    both(triangulation.blob_rays, view.image, sight.rotation, sight.centres)
-    rays = triangulation.blob_rays.reference(view.image, sight.rotation, sight.centres)
+    rays = both(triangulation.blob_rays, view.image, sight.rotation, sight.centres)
     slot = generator.integers(-1, view.real.shape[1], (len(view.real), 7))
     slot[:, 0], slot[1:, 1] = -1, -1
     depth = generator.uniform(1, 5, slot.shape) if lengths else None
@@ -415,10 +416,7 @@ def test_what_does_not_fit_is_refused():
 def test_confidences_are_the_same(seed, cameras, markers, ghosts):
     _, sight, view, expected = scene(seed, cameras, markers, ghosts)
     naming = named_by_numpy(view, sight, expected, RULES, None, step1_only=False)
-    same(
-        [confidence.named_confidences.kernel(naming, CONFIDENCE)],
-        [confidence.named_confidences.reference(naming, CONFIDENCE)],
-    )
+    both(confidence.named_confidences, naming, CONFIDENCE)
 
 
 @settings(max_examples=25, deadline=None)

@@ -26,7 +26,7 @@ from addon.core.points.whole_take.likeness import LIKENESS, of_ends, of_frames
 from addon.core.points.whole_take.pairs import distance_sums
 from addon.io.models import open_model
 
-from .test_frames import refused, same
+from .test_frames import both, refused, same
 
 SEEDS = st.integers(0, 2**16)
 
@@ -69,18 +69,13 @@ def cloud(model: Latent, generator, count: int, ghosts: int, twins: bool = False
 def compared(model, constraints, points, present, named):
     """Compares everything that follows from namings."""
     worth = name_worth(model, present)
-    arguments = model, constraints, points, named, worth
-    one, other = naming.settled.kernel(*arguments), naming.settled.reference(*arguments)
-    same(one, other)
-    same([naming.score_of.kernel(model, constraints, points, worth, named)], [other[1]])
-    some = np.arange(0, len(model), 2)
-    arguments = model, points, named, some
-    same(naming.expected_of.kernel(*arguments), naming.expected_of.reference(*arguments))
-    settled = Settled(other[0], present, worth, named, *other[1:])
-    arguments = model, constraints, settled
-    same([naming.name_odds.kernel(*arguments)], [naming.name_odds.reference(*arguments)])
+    left, *rest = both(naming.settled, model, constraints, points, named, worth)
+    same([naming.score_of.kernel(model, constraints, points, worth, named)], rest[:1])
+    both(naming.expected_of, model, points, named, np.arange(0, len(model), 2))
+    settled = Settled(left, present, worth, named, *rest)
+    both(naming.name_odds, model, constraints, settled)
     for reach in (0.0, 0.8 * model.radius, 1e3):
-        same(swaps.neighbours.kernel(*arguments, reach), swaps.neighbours.reference(*arguments, reach))
+        both(swaps.neighbours, model, constraints, settled, reach)
 
 
 @settings(max_examples=12, deadline=None)
@@ -99,8 +94,7 @@ def test_soft_guesses(seed, name, count, ghosts):
     for model, schedule in ((known.coarse, starts.STARTS.coarse), (known.fine, starts.STARTS.fine)):
         points, present, _ = cloud(model, generator, count, ghosts, twins=ghosts > 1)
         latent = 0.3 * generator.normal(size=(count, model.size))
-        arguments = model, points, present, starts.ghost_density(model, present), latent, schedule
-        same(starts.softly.kernel(*arguments), starts.softly.reference(*arguments))
+        both(starts.softly, model, points, present, starts.ghost_density(model, present), latent, schedule)
 
 
 @settings(max_examples=12, deadline=None)
@@ -156,7 +150,7 @@ def test_what_distances_to_named_ones_say(seed, tracklets, samples, markers):
     asked = generator.random((tracklets, markers)) < 0.7
     arguments = frame, xyz, placed, own, near, mean, variance, asked, LIKENESS
     with np.errstate(all="ignore"):
-        same([of_frames.kernel(*arguments)], [of_frames.reference(*arguments)])
+        both(of_frames, *arguments)
     wrong = (frame + 9, *arguments[1:]), (frame, xyz, placed[:, :0], *arguments[3:])
     refused(*(partial(of_frames.kernel, *one) for one in wrong))
 
@@ -176,7 +170,7 @@ def test_how_ends_of_tracklets_are_weighed(seed, markers, rate):
     then = generator.integers(-1, frames, (ends, markers))
     arguments = frame, then, np.abs(frame[:, None] - then), xyz, placed, own, near, within, rate, LIKENESS
     with np.errstate(all="ignore"):
-        same([of_ends.kernel(*arguments)], [of_ends.reference(*arguments)])
+        both(of_ends, *arguments)
     wrong = (
         (frame + frames, *arguments[1:]),
         (frame, then + frames, *arguments[2:]),
@@ -190,7 +184,7 @@ def test_distances_are_summed(seed, frames, markers):
     generator = np.random.default_rng(seed)
     points = generator.normal(0, 1, (frames, markers, 3))
     points[generator.random(points.shape[:2]) < 0.2] = np.nan
-    same(distance_sums.kernel(points), distance_sums.reference(points))
+    both(distance_sums, points)
     refused(lambda: distance_sums.kernel(points[..., :2]))
 
 
@@ -202,7 +196,7 @@ def test_median_volumes(seed, frames, things, gone):
     place[1] = place[0]  # in the same place
     place[np.broadcast_to((generator.random((things, frames)) < gone)[:, None], place.shape)] = np.nan
     quads = np.sort(generator.permuted(np.tile(np.arange(things), (20, 1)), axis=1)[:, :4], axis=1)
-    same([median_volumes.kernel(place, quads)], [median_volumes.reference(place, quads)])
+    both(median_volumes, place, quads)
     refused(*(partial(median_volumes.kernel, place, wrong) for wrong in (quads + things, quads[:, :3])))
 
 

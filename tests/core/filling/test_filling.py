@@ -311,19 +311,24 @@ def path() -> np.ndarray:
     return np.column_stack([0.3 * np.sin(2 * time), 0.2 * time, 1 + 0.1 * np.cos(3 * time)])
 
 
-def seen_by(camera: int, xyz: np.ndarray, frames: np.ndarray, marker: int = 0) -> tuple[Blobs, Labels]:
+def seen_by(camera: int, xyz: np.ndarray, frames: np.ndarray) -> tuple[Blobs, Labels]:
     """One blob of a marker in some frames of a take, in one camera."""
     pixels = CAMERAS.project(xyz[frames])[camera]
     count = len(frames)
     blobs = Blobs(np.arange(1, SHOT + 1), frames, np.full(count, camera), pixels, np.full(count, np.nan))
-    return blobs, Labels(np.full(count, marker), np.ones(count, int), np.ones(count))
+    return blobs, Labels(np.zeros(count, int), np.ones(count, int), np.ones(count))
+
+
+def rays_at(xyz: np.ndarray) -> MarkerRays:
+    """Those of a marker that is in its gap where a path has it, for one camera."""
+    missing = np.zeros((SHOT, 2), bool)
+    missing[GAP.start : GAP.stop, 0] = True
+    return rays_of(*seen_by(1, xyz, GAP.frames), CAMERAS, missing)
 
 
 @pytest.fixture
 def rays():
-    missing = np.zeros((SHOT, 2), bool)
-    missing[GAP.start : GAP.stop, 0] = True
-    return rays_of(*seen_by(1, path(), GAP.frames), CAMERAS, missing)
+    return rays_at(path())
 
 
 def off_by(size: float = 0.01) -> np.ndarray:
@@ -366,10 +371,7 @@ def test_rays_of_some_frames_draw_their_neighbours_along_and_one_far_off_is_anot
     assert steps.max() < 0.003
     assert parts(after, some)[1].max() < 0.002
     np.testing.assert_allclose(after[0], off_by()[0], atol=0.002)
-    missing = np.zeros((SHOT, 2), bool)
-    missing[GAP.start : GAP.stop, 0] = True
-    wrong = rays_of(*seen_by(1, path() + np.full(3, 0.2), GAP.frames), CAMERAS, missing)
-    fill = off_by()
+    wrong, fill = rays_at(path() + np.full(3, 0.2)), off_by()
     after, expected, count = constrained(fill, GAP, 0.01, wrong, own(), RATE)
     assert (count, expected) == (0, 0.01)
     np.testing.assert_array_equal(after, fill)
@@ -379,13 +381,10 @@ def test_only_a_blob_that_is_alone_makes_a_ray():
     frames = np.arange(50, 70)
     one, two = seen_by(0, path(), frames), seen_by(1, path(), frames[:5])
     order = np.lexsort((np.r_[one[0].camera, two[0].camera], np.r_[one[0].frame, two[0].frame]))
-    blobs = Blobs(
-        one[0].frames,
-        *(
-            np.concatenate([getattr(one[0], name), getattr(two[0], name)])[order]
-            for name in ("frame", "camera", "xy", "area")
-        ),
+    parts = zip(
+        *([getattr(seen, name) for name in ("frame", "camera", "xy", "area")] for seen, _ in (one, two)), strict=True
     )
+    blobs = Blobs(one[0].frames, *(np.concatenate(part)[order] for part in parts))
     labels = Labels.join([one[1], two[1]])[order]
     missing = np.zeros((SHOT, 2), bool)
     missing[50:68] = True

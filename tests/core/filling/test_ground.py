@@ -24,10 +24,10 @@ def about_y(angle: np.ndarray) -> np.ndarray:
     return rotations.exponential(np.multiply.outer(angle, [0.0, 1.0, 0.0]))[0]
 
 
-def chained(root: np.ndarray, turns: np.ndarray, offsets: np.ndarray = OFFSETS) -> np.ndarray:
+def chained(root: np.ndarray, turns: np.ndarray) -> np.ndarray:
     joints = np.empty((*turns.shape[:2], 3))
     for at, above in enumerate(PARENTS):
-        joints[:, at] = root if above < 0 else joints[:, above] + turns[:, above] @ offsets[at]
+        joints[:, at] = root if above < 0 else joints[:, above] + turns[:, above] @ OFFSETS[at]
     return joints
 
 
@@ -61,9 +61,9 @@ def walk(strides: int = 5, rise: float = 0.0) -> tuple[np.ndarray, np.ndarray, n
     return chained(root, turns), turns, planted
 
 
-def wavering(turns: np.ndarray, root: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def wavering(turns: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same as posed on markers: slowly off by 0.3°, feet by 1.5°, as skin moves, with noise, and 12 mm low."""
-    rng, count = np.random.default_rng(seed), len(turns)
+    rng, count = np.random.default_rng(0), len(turns)
     slow = np.cumsum(rng.normal(0, 1, (count, len(SEGMENTS), 3)), axis=0)
     slow -= np.linspace(0, 1, count)[:, None, None] * slow[-1]
     slow *= np.radians(0.3) / slow.std(axis=0)

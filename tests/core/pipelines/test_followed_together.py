@@ -26,25 +26,14 @@ from addon.core.points import possible
 from addon.core.points.several.parting import along_the_line
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
-from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import CaptureOptions
 from addon.io.tables import FileTable, Room
-from tests.core.scenes import abreast, keep, parts_of
-
-FRAMES, RATE, CHUNK = 40, 50.0, 16
-NAMED = PointOptions("likelihood")
-CAMERAS = ring_rig(8, (1280, 1024), 4.0, 2.2, 1.4)
-
-
-def shot_of(model, people: tuple[int, ...], apart: float) -> tuple[Blobs, np.ndarray]:
-    """Blobs and truth of people who walk side by side, so many m apart."""
-    seen = abreast(model.markerset, people, FRAMES, RATE, apart, CAMERAS, CaptureOptions(seed=5))
-    return seen.blobs, seen.truth
+from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, shot_of, truth_of
+from tests.core.scenes import keep, parts_of
 
 
 @pytest.fixture(scope="module")
 def shot(model):
-    return shot_of(model, (1, 2), 0.6)
+    return shot_of(model)
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +56,6 @@ def chunks_of(found: FollowedTogether | SubjectsInImages, blobs: Blobs, edits: E
 
 def names_of(found: FollowedTogether | SubjectsInImages, chunks: list[LabelledChunk]) -> np.ndarray:
     return np.array([*found.worn.markers, ""], object)[np.concatenate([one.labels.marker for one in chunks])]
-
-
-def truth_of(truth: np.ndarray, person: str) -> np.ndarray:
-    """(N,) True for the blobs of a person."""
-    return np.array([any(one.startswith(person) for one in text.split("|")) for text in truth])
 
 
 def in_truth(names: np.ndarray, truth: np.ndarray, people: str) -> np.ndarray:

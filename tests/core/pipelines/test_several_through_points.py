@@ -20,26 +20,20 @@ from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
-from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
+from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, shot_of, truth_of
 from tests.core.scenes import abreast, cut, parts_of
-
-FRAMES, RATE, CHUNK = 40, 50.0, 16
-NAMED = PointOptions("likelihood")
 
 
 @pytest.fixture(scope="module")
 def shot(model):
-    """Cameras, blobs and truth of two people in gait15 who walk side by side, 0.6 m apart."""
-    cameras = ring_rig(8, (1280, 1024), 4.0, 2.2, 1.4)
-    seen = abreast(model.markerset, (1, 2), FRAMES, RATE, 0.6, cameras, CaptureOptions(seed=5))
-    return cameras, seen.blobs, seen.truth
+    return shot_of(model)
 
 
-def label(shot, blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
+def label(blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
     """Some of the blobs of the take, labelled."""
-    take = SeveralBlobs(lambda: parts_of(blobs, CHUNK), shot[0], asked, replace(NAMED, **options), RATE)
+    take = SeveralBlobs(lambda: parts_of(blobs, CHUNK), CAMERAS, asked, replace(NAMED, **options), RATE)
     return finished(label_by_points(take))
 
 
@@ -55,22 +49,22 @@ def swapped(truth: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def found(shot, model) -> SubjectsInImages:
-    return label(shot, shot[1], SeveralOptions(model, 2))
+    return label(shot[0], SeveralOptions(model, 2))
 
 
 @pytest.fixture(scope="module")
 def labelled(shot, found):
-    _, blobs, truth = shot
+    blobs, truth = shot
     names, chunks = named(found, blobs)
     name, text = next((name, text) for name, text in zip(names, truth, strict=True) if name and text)
     return names, chunks, truth if text[0] == name[0] else swapped(truth)
 
 
 def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way(shot, model, monkeypatch):
-    _, blobs, truth = shot
+    blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))  # the set's model knows neither
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
-    found = label(shot, blobs, asked)
+    found = label(blobs, asked)
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
     assert found.worn.markers == tuple(f"ann:{name}" for name in model.markerset.markers)
     names, chunks = named(found, blobs)
@@ -88,14 +82,14 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
 
 def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
     """Whoever else is there is no reason to say that she is."""
-    _, blobs, truth = shot
+    blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
-    names, _ = named(label(shot, blobs, asked), blobs)
+    names, _ = named(label(blobs, asked), blobs)
     hers = max("12", key=lambda one: ((names != "") & truth_of(truth, one)).sum())
     kept = ~(truth_of(truth, hers) & (blobs.frame >= 22))
     few = blobs.part(slice(0, FRAMES), kept)
-    found = label(shot, few, asked)
+    found = label(few, asked)
     assert len(found.labelled.worn.subjects) == 2
     _, chunks = named(found, few)
     confidence = np.concatenate([chunk.motion.confidence for chunk in chunks])
@@ -104,8 +98,8 @@ def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypat
 
 
 def test_as_many_as_are_asked_for_have_names_and_others_are_in_the_way(shot, model):
-    blobs = shot[1]
-    found = label(shot, blobs, SeveralOptions(model, 1))
+    blobs = shot[0]
+    found = label(blobs, SeveralOptions(model, 1))
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
     assert found.worn.markers == tuple(f"1:{name}" for name in model.markerset.markers)
     names, chunks = named(found, blobs)
@@ -113,18 +107,13 @@ def test_as_many_as_are_asked_for_have_names_and_others_are_in_the_way(shot, mod
     assert chunks[0].motion.markers.shape == (16, 15, 3)
 
 
-def truth_of(truth: np.ndarray, person: str) -> np.ndarray:
-    """(N,) True for the blobs of a person."""
-    return np.array([any(one.startswith(person) for one in text.split("|")) for text in truth])
-
-
 def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
-    _, blobs, truth = shot
+    blobs, truth = shot
     lost = (truth == "1:LKNE") & (blobs.frame >= 10) & (blobs.frame < 30)
     camera = np.bincount(blobs.camera[lost]).argmax()
     kept = ~lost | (blobs.camera == camera)
     few, truth = blobs.part(slice(0, FRAMES), kept), truth[kept]
-    again = label(shot, few, SeveralOptions(model, 2))
+    again = label(few, SeveralOptions(model, 2))
     names, _ = named(again, few)
     other = (names != truth).sum() > (names != swapped(truth)).sum()
     expected = "2:LKNE" if other else "1:LKNE"
@@ -136,13 +125,13 @@ def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
 
 def test_a_body_that_explains_its_blobs_is_trusted_before_the_names_of_points(shot, found, labelled):
     """Where a quarter of a subject's names are wrong all the time, as where points exchanged two limbs."""
-    blobs, before = parts_of(shot[1], CHUNK)[0][0], labelled[1][0].labels
+    blobs, before = parts_of(shot[0], CHUNK)[0][0], labelled[1][0].labels
     marker = before.marker.copy()
     for one, other in (("1:LKNE", "1:LANK"), ("1:RKNE", "1:RANK")):
         pair = [found.worn.markers.index(name) for name in (one, other)]
         for name, wrong in (pair, pair[::-1]):
             marker[before.marker == name] = wrong
-    fitted = FollowedSubjects.of(found.labelled.worn, shot[0], RATE, found.bodies)
+    fitted = FollowedSubjects.of(found.labelled.worn, CAMERAS, RATE, found.bodies)
     after = fitted.read(blobs, replace(before, marker=marker))
     assert (marker != before.marker).mean() > 0.1
     assert (after.marker[before.named] == before.marker[before.named]).mean() > 0.99
@@ -150,14 +139,14 @@ def test_a_body_that_explains_its_blobs_is_trusted_before_the_names_of_points(sh
 
 def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, found, labelled):
     """Also a wrong one, which the images then contradict; and the program's own name is kept below it."""
-    cameras, blobs = shot[:2]
+    blobs = shot[0]
     own = np.flatnonzero(labelled[0] == "1:LTHI")
     camera = np.bincount(blobs.camera[own]).argmax()
     rows = own[blobs.camera[own] == camera]
     trail = np.column_stack([blobs.frames[blobs.frame[rows]], blobs.xy[rows]])
-    where = {"camera": cameras.names[camera], "frame": int(trail[0, 0]), "x": trail[0, 1], "y": trail[0, 2]}
+    where = {"camera": CAMERAS.names[camera], "frame": int(trail[0, 0]), "x": trail[0, 1], "y": trail[0, 2]}
     edits = Edits((AssignBlob(marker="2:LTHI", **where, frames=(1, FRAMES), trail=trail),))
-    again = label(shot, blobs, SeveralOptions(model, 2), edits=edits)
+    again = label(blobs, SeveralOptions(model, 2), edits=edits)
     names = again.worn.by_name
     before, now = found.labelled.labels.marker, again.labelled.labels.marker
     point = (before == names["1:LTHI"]) & (now == names["2:LTHI"])
@@ -170,16 +159,16 @@ def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, f
 
 
 def test_an_edit_of_somebody_who_is_not_there_is_told_by_its_own_number(shot, model):
-    cameras, blobs = shot[:2]
+    blobs = shot[0]
     row = int(np.flatnonzero(blobs.frame == 9)[0])
-    where = {"camera": cameras.names[blobs.camera[row]], "frame": 10, "x": blobs.xy[row, 0], "y": blobs.xy[row, 1]}
+    where = {"camera": CAMERAS.names[blobs.camera[row]], "frame": 10, "x": blobs.xy[row, 0], "y": blobs.xy[row, 1]}
     edits = Edits((Place("1:LKNE", 10, (0.0, 0.0, 1.0)), AssignBlob(marker="3:LKNE", **where)))
     with pytest.raises(InputError, match="edit 2 names '3:LKNE'"):
-        label(shot, blobs, SeveralOptions(model), edits=edits)
+        label(blobs, SeveralOptions(model), edits=edits)
 
 
 def test_a_blob_that_is_off_its_point_has_no_name(shot, found, labelled):
-    blobs = shot[1]
+    blobs = shot[0]
     names = labelled[0]
     row = int(np.flatnonzero((names != "") & (blobs.frame == 20))[7])
     xy = blobs.xy.copy()
@@ -190,9 +179,9 @@ def test_a_blob_that_is_off_its_point_has_no_name(shot, found, labelled):
 
 
 def test_what_no_two_cameras_see_is_told(shot):
-    cameras, blobs = shot[:2]
+    blobs = shot[0]
     nothing = blobs.part(slice(0, FRAMES), blobs.camera == 0)
-    points = PointsOfBlobs(cameras, RATE)
+    points = PointsOfBlobs(CAMERAS, RATE)
     points.add(nothing.between(1, 8))
     with pytest.raises(JobError, match="no markers that two cameras see"):
         points.take()
@@ -201,11 +190,11 @@ def test_what_no_two_cameras_see_is_told(shot):
 def test_bodies_follow_who_is_said_to_be_the_other(shot, found, labelled):
     """Exchanged marker by marker in some frames, they have each other's bodies in these, and nothing jumps."""
     _, chunks, _ = labelled
-    cameras, blobs = shot[:2]
+    blobs = shot[0]
     markers = [name.partition(":")[2] for name in found.worn.markers[:15]]
     edits = Edits(tuple(Swap((f"1:{name}", f"2:{name}"), frames=(5, 12)) for name in markers))
     few = [part for part, _ in parts_of(blobs, CHUNK)]
-    [again, *_] = with_edits(few, iter(chunks), edits, cameras, found.worn)
+    [again, *_] = with_edits(few, iter(chunks), edits, CAMERAS, found.worn)
     frames, joints = slice(4, 12), chunks[0].motion.joints.shape[1] // 2
     before, after = chunks[0].motion, again.motion
     np.testing.assert_array_equal(after.joints[frames, :joints], before.joints[frames, joints:])

@@ -36,10 +36,10 @@ def prop(places: np.ndarray) -> MarkerSet:
     )
 
 
-def random_shape(seed: int = 0, markers: int = 7) -> Shape:
-    generator = np.random.default_rng(seed)
-    mean = generator.standard_normal((markers, 3)) * [0.1, 0.1, 0.2]
-    return Shape(mean, 0.04 * generator.standard_normal((markers, 3, 3)), generator.uniform(2e-4, 8e-4, markers))
+def random_shape() -> Shape:
+    generator = np.random.default_rng(0)
+    mean = generator.standard_normal((7, 3)) * [0.1, 0.1, 0.2]
+    return Shape(mean, 0.04 * generator.standard_normal((7, 3, 3)), generator.uniform(2e-4, 8e-4, 7))
 
 
 def layout_of(shape: Shape) -> MarkerLayout:

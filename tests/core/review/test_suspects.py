@@ -20,9 +20,9 @@ from ..edits.lists import INDEX
 RATE = 100.0
 
 
-def even(count: int = 40) -> np.ndarray:
+def even() -> np.ndarray:
     """Two markers that walk along at 1 m/s."""
-    along = np.arange(count)[:, None, None] / RATE * np.array([1.0, 0, 0])
+    along = np.arange(40)[:, None, None] / RATE * np.array([1.0, 0, 0])
     return along + np.array([[0.0, 0, 1], [0, 0.5, 1]])
 
 

@@ -27,10 +27,10 @@ from addon.io.streams.natnet_server import packed_frame
 from addon.io.streams.wire import StreamFrame
 
 
-def frames_of_points(xyz: np.ndarray, rate: float, first: int = 1) -> list[StreamFrame]:
+def frames_of_points(xyz: np.ndarray, rate: float) -> list[StreamFrame]:
     """The frames of points (T, P, 3) m, of which trajectory p has the number 100 + p."""
     found = []
-    for number, points in enumerate(np.asarray(xyz), first):
+    for number, points in enumerate(np.asarray(xyz), 1):
         seen = np.isfinite(points).all(axis=1)
         found.append(StreamFrame(number, number / rate, points[seen], np.flatnonzero(seen) + 100))
     return found

@@ -104,13 +104,13 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
 # Step 2: conflicts -----------------------------------------------------------------------------------------------
 
 
-def conflict(helpers, offset, generator, deviation=0.03):
+def conflict(helpers, offset, generator):
     """One marker with an exclusive blob in `helpers` cameras; in camera 0 the right blob (slot 0) and a false one.
 
     The model is `offset` m off the marker, so that the false blob is the nearer to the model's projection.
     """
     point = generator.uniform([-0.2, -0.2, 0.7], [0.2, 0.2, 1.3], (1, 3))
-    expected = expect_at(point + offset, deviation)
+    expected = expect_at(point + offset, 0.03)
     pixels = [row if index <= helpers else np.zeros((0, 2)) for index, row in enumerate(pixels_of(point))]
     pixels[0] = np.vstack([pixels[0], RIG.project(point + offset)[0]])
     return pixels, expected, point

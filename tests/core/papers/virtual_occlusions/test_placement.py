@@ -85,9 +85,9 @@ def test_one_camera_is_reported():
     assert caught.value.exit_status == 1 and "\n" not in str(caught.value)
 
 
-def body_cloud(facing, height=1.7, ghosts=0, name="body26"):
+def body_cloud(facing, height=1.7, ghosts=0):
     """The markers of a rest body as a cloud, with false crossings of little weight above and below."""
-    markerset = built_in(name)
+    markerset = built_in("body26")
     turn = Rotation.from_euler("z", facing).as_matrix()
     points = markerset.rest_markers * height @ turn.T
     false = np.random.default_rng(1).uniform([-0.5, -0.5, -1], [0.5, 0.5, 3], (ghosts, 3))
@@ -262,14 +262,11 @@ def test_named_rays_by_hand_and_switched_off():
     assert nothing.cost == 0 and not nothing.gradient.any() and not nothing.hessian.any()
 
 
-RIG = paper_rig()
-
-
-def cloud_of(points, cameras=RIG, drop=()):
+def cloud_of(points, drop=()):
     """The cloud of points that every camera sees, but for dropped (camera, point) pairs."""
-    pixels = cameras.project(points)
+    pixels = RIG.project(points)
     kept = [np.array([p for i, p in enumerate(row) if (c, i) not in drop]) for c, row in enumerate(pixels)]
-    return build_cloud(split_views(blobs_at(kept), cameras)[0], Sight(cameras))
+    return build_cloud(split_views(blobs_at(kept), RIG)[0], Sight(RIG))
 
 
 SPREAD = np.array([[0.1, 0.3, 0.3], [-0.4, 0.1, 0.8], [0.3, -0.35, 1.2], [-0.1, -0.2, 1.7], [0.5, 0.5, 1.0]])
