@@ -271,11 +271,21 @@ def leave_out(collection: bpy.types.Collection, scene: bpy.types.Scene):
     if collection.override_library is None and collection in scene.collection.children.values():
         scene.collection.children.unlink(collection)
     for view_layer in scene.view_layers:
-        layers = [view_layer.layer_collection]
-        for layer in layers:
-            if layer.collection == collection:
-                layer.exclude = True
-            layers += layer.children
+        for layer in _layers_of(collection, view_layer):
+            layer.exclude = True
+
+
+def is_hidden(collection: bpy.types.Collection, view_layer: bpy.types.ViewLayer) -> bool:
+    """Whether a person hid a take that is in a view layer, as by its eye or its tick in the Outliner."""
+    layers = _layers_of(collection, view_layer)
+    return bool(layers) and not any(layer.visible_get() for layer in layers)
+
+
+def _layers_of(collection: bpy.types.Collection, view_layer: bpy.types.ViewLayer) -> list[bpy.types.LayerCollection]:
+    layers = [view_layer.layer_collection]
+    for layer in layers:
+        layers += layer.children
+    return [layer for layer in layers if layer.collection == collection]
 
 
 def clear_take(collection: bpy.types.Collection, but: Sequence[bpy.types.Object] = ()) -> ownership.Former:

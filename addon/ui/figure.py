@@ -19,7 +19,7 @@ from ..scene.armature import KEPT_SIDES, SIDE_COLOURS
 from ..scene.opened import opened
 from ..scene.performers import Colour, armatures_of, colours_in, marker_colours
 from ..scene.stored import Stored
-from ..scene.take import is_take
+from ..scene.take import is_hidden, is_take
 from ..scene.trouble import known_trouble
 from .overlay import Canvas
 
@@ -43,7 +43,7 @@ def draw():
         return
     stored = opened.take(settings.take, context.scene)
     index = stored.index_of(context.scene.frame_float)
-    if index < 0:
+    if index < 0 or is_hidden(settings.take, context.view_layer):
         return
     with Canvas(context) as canvas:
         if settings.display.show_figure:

@@ -21,7 +21,7 @@ from ..scene.performers import colours_in, marker_colours
 from ..scene.picking import to_region
 from ..scene.preview import holds_points
 from ..scene.roots import placed
-from ..scene.take import Stored, is_take
+from ..scene.take import Stored, is_hidden, is_take
 from . import marks
 from .boxes import Discs
 from .lettering import Letters, Word
@@ -66,14 +66,14 @@ def draw():
 def draw_frame(canvas: "Canvas", context: bpy.types.Context):
     """What there is of the take in the current frame."""
     settings, stored = context.scene.mocap_autolabel, shown(context.scene)
+    collection = settings.take if is_take(settings.take) else None
     index = stored.index_of(context.scene.frame_float) if stored else -1
-    if index < 0:
+    if index < 0 or (collection is not None and is_hidden(collection, context.view_layer)):
         return
     camera = camera_through(context.space_data, context.scene)
     if camera is not None and camera_name(camera) in stored.cameras.names:
         draw_camera(canvas, stored, index, camera, settings)
         return
-    collection = settings.take if is_take(settings.take) else None
     canvas.perspective = canvas.perspective @ placed(collection)
     if settings.display.show_rays and isinstance(stored.rows, Blobs):
         draw_rays(canvas, stored, index)

@@ -272,6 +272,14 @@ def test_blender_s_own_usd_has_markers_and_armature_in_motion(shown, tmp_path):
             assert (points[name].matrix_world.translation - item.matrix_world.translation).length < MOST_OFF_M
 
 
+def test_the_character_of_a_take_whose_collection_is_excluded_is_added_to_it(shown):
+    take = bpy.context.scene.mocap_autolabel.take
+    bpy.context.view_layer.layer_collection.children[take.name].exclude = True
+    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+    [character] = [item for item in take.all_objects if item.name == "walk character"]
+    assert character.users_collection == (take,) and len(character.data.bones) > 0
+
+
 def test_who_is_no_person_has_no_character(empty, made, extension):
     collection = takes.show_take(empty, made.take())
     stored = Opened().take(collection, empty.scene)

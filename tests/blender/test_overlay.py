@@ -106,6 +106,20 @@ def test_names_keep_off_the_words_of_the_view(extension):
     assert high >= low + 11
 
 
+def test_of_a_take_that_a_person_hides_nothing_is_drawn(extension, empty, shown):
+    [take] = takes.takes_of(empty.scene)
+    empty.scene.mocap_autolabel.take = take
+    layer, ui = empty.view_layer.layer_collection.children[take.name], ours("ui.overlay")
+    for name in ("exclude", "hide_viewport"):
+        setattr(layer, name, True)
+        assert takes.is_hidden(take, empty.view_layer)
+        ui.draw_frame(None, empty)  # which has nothing to draw on
+        setattr(layer, name, False)
+    assert not takes.is_hidden(take, empty.view_layer)
+    with pytest.raises(AttributeError):
+        ui.draw_frame(None, empty)
+
+
 def test_a_trail_is_broken_where_the_marker_was_not_seen(extension):
     figure = ours("ui.figure")
     path = np.column_stack([np.arange(20.0), np.zeros(20), np.zeros(20)])

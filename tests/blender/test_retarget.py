@@ -14,6 +14,7 @@ from addon.core.posing.character import both_sides
 from addon.core.posing.finer import finer
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
+from addon.scene.relabelled import show_again
 from addon.scene.retargeting import ReadyRig
 from tests.inputs.rigs import (
     A_POSE,
@@ -306,6 +307,17 @@ def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
     assert f"The old rate is kept by {rig.name}:" in capfd.readouterr().out
     assert action.frame_range[1] > character.animation_data.action.frame_range[1]
+
+
+def test_labelled_again_after_the_scene_s_rate_was_changed_rig_and_range_go_along(shown):
+    scene, rig = bpy.context.scene, mixamo()
+    action = retargeted(rig)
+    scene.mocap_autolabel.take[takes.SOURCE] = "walk.csv"
+    scene.render.fps, scene.render.fps_base = 24, 1
+    scene.frame_set(111)
+    show_again(bpy.context, replace(shown, source="walk.csv"), whole=True)
+    np.testing.assert_allclose(action.frame_range, (101, 101 + 23 * 24 / 60), atol=0.01)
+    assert (scene.frame_start, scene.frame_end, scene.frame_float) == (101, 110, 105)
 
 
 def test_keys_that_would_be_one_to_blender_stay_where_they_are(shown, capfd):

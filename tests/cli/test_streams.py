@@ -98,6 +98,22 @@ def test_what_stops_the_work_is_noted_while_blender_is_at_work_and_raised_behind
         signal.signal(kind, before)
 
 
+@pytest.mark.parametrize("module", ["tomllib", "argparse", "tempfile"])
+def test_ctrl_c_while_the_program_loads_is_one_sentence(module):
+    script = f"""import sys
+class Pressed:
+    def find_spec(self, name, *_):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Pressed())
+from addon.cli import main
+sys.exit(main(["models"]))"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "mocap-autolabel: stopped before the end; nothing half-written was left\n"
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs a timer that interrupts")
 def test_a_request_to_stop_where_python_raises_nothing_stops_all_the_same():
     class Gone:
