@@ -21,6 +21,9 @@ class MarkerLimits:
     # m, standard deviation by which skin lets a marker move against its bone, as markers of recorded actors do on a
     # fitted body
     skin_m: float = 0.006  # measured
+    limb_m: float = 0.5  # physical: m, no marker is farther from the next one of its own limb, a hand's from an elbow's
+    # m, standard deviation of where people put a marker or a plate on by hand, by what they feel of the bone
+    placed_m: float = 0.015  # physical
     # px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
     noise_px: float = 0.5  # measured
     # m, standard deviation of a point that was reconstructed, beside its motion: blobs that merge or are partly

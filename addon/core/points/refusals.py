@@ -12,6 +12,7 @@ import numpy as np
 from ..data.errors import ForceableError, JobError
 from ..data.lanes import blocks
 from ..data.made import Table
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import NO_MARKER, Labels, evenly_spread
 from ..geometry.rigid import MIN_POINTS
 from .models import USUAL_TARGET, Model, Namer
@@ -33,7 +34,6 @@ class RefusalOptions:
                     two sets at once is refused
     min_all         measured: the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at
                     most of other sets
-    gap_m           physical: between two bodies; a hand is not farther from the next marker of its own arm
     crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 1.44 of who
                     wears two sets, 2 of two subjects, 2.3 at least among all that a lab puts on
     min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
@@ -49,7 +49,6 @@ class RefusalOptions:
     min_sure_rest: float = 0.3
     min_named: float = 0.25
     min_all: float = 0.75
-    gap_m: float = 0.5
     crowd: float = 1.6
     min_half: float = 0.5
     max_residual: float = 0.6
@@ -126,7 +125,7 @@ def refuse_two_groups(model: Model, points: Table):
     NaN where missing; some frames are looked at.
     """
     some = points[evenly_spread(len(points), FRAMES_ASKED)]
-    if _grouped(some, REFUSAL.gap_m, REFUSAL.min_half * len(model.markerset)):
+    if _grouped(some, MARKER_LIMITS.limb_m, REFUSAL.min_half * len(model.markerset)):
         raise _two_subjects(model)
 
 

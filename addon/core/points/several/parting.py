@@ -16,8 +16,9 @@ import numpy as np
 
 from ...data.lanes import blocks
 from ...data.made import Table
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
-from ..refusals import REFUSAL, far_groups
+from ..refusals import far_groups
 from .affinity import AFFINE_TRACKLETS, Affinity
 from .wearers import MAX_SUBJECTS
 
@@ -79,7 +80,7 @@ def count_bodies(points: Table, tracklet: np.ndarray, affinity: Affinity, marker
     for frame in frames.tolist():
         own = points[frame][firm[frame]]
         present.append(len(own))
-        sizes.append(len(far_groups(own, REFUSAL.gap_m, markers / 2)))
+        sizes.append(len(far_groups(own, MARKER_LIMITS.limb_m, markers / 2)))
     groups = np.sort(sizes)[::-1]
     apart = int(groups[int(PARTING_PEOPLE.often * len(groups))])
     most = round(float(np.quantile(present, 1 - PARTING_PEOPLE.often)) / markers)
@@ -305,7 +306,7 @@ def _coming(
         if best > -np.inf:
             return [some for some in found if len(some) >= PARTING_PEOPLE.whole * markers]
     own = np.flatnonzero(left[tracklet[frame]])
-    groups = far_groups(points[frame, own], REFUSAL.gap_m, PARTING_PEOPLE.whole * markers)
+    groups = far_groups(points[frame, own], MARKER_LIMITS.limb_m, PARTING_PEOPLE.whole * markers)
     return [tracklet[frame, own[group]] for group in groups]
 
 
