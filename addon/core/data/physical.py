@@ -22,6 +22,7 @@ class MarkerLimits:
     # fitted body
     skin_m: float = 0.006  # measured
     limb_m: float = 0.5  # physical: m, no marker is farther from the next one of its own limb, a hand's from an elbow's
+    trunk_m: float = 0.4  # physical: m, how wide a chest or a pelvis is, and how near to each other two people stand
     # m, standard deviation of where people put a marker or a plate on by hand, by what they feel of the bone
     placed_m: float = 0.015  # physical
     # m, standard deviation of a distance between markers from lab to lab, and of where a plate is on a limb; with 2 cm

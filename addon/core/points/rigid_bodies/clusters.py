@@ -24,13 +24,11 @@ from .structure import INDEPENDENT, JOINT, MAX_COST, Structure, find_joints, qua
 class ClusterMatchOptions:
     """What tracklets do that are one rigid thing, and what is worth, log likelihood, that it is a rigid body.
 
-    max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
     missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
     odd_marker_cost  what a marker more or fewer costs; measured on it
     joint_gain       what a joint is worth where it is as in training; measured on it
     """
 
-    max_size_m: float = 0.4
     missing_cost: float = 9.0
     odd_marker_cost: float = 0.7
     joint_gain: float = 2.0
@@ -126,7 +124,7 @@ def _deviations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         distance = np.where(known, np.sqrt(x * x + y * y + z * z), 0)
         mean = distance.sum(axis=0) / frames
         varies = np.where(known, np.abs(distance - mean), 0).sum(axis=0) / frames
-        spread[one, others] = np.where(mean > CLUSTER_MATCH.max_size_m, 1.0, varies)
+        spread[one, others] = np.where(mean > MARKER_LIMITS.trunk_m, 1.0, varies)
         weight[one, others], usual[one, others] = frames, mean
     np.fill_diagonal(weight, 0)
     return spread, weight, usual

@@ -34,7 +34,6 @@ class PartingPeopleOptions:
                them at most on one side
     outer      measured: part of the points that are not farther out than where another body is looked for, as ghosts
                are; 0.8 and 0.97 part 20 kinds of meetings worse, by 0.3 and 0.1 % of the points
-    apart_m    between the middles of bodies that are followed by their places; physical: nearer, shoulders touch
     missed     measured: frames in a row without somebody, after which nobody is followed any more; where they are
                followed on, 1 % more of the points of meetings are on the wrong body
     gone_over  measured: part of the tracklets that were one body's, beyond which nobody is followed any more where they
@@ -50,7 +49,6 @@ class PartingPeopleOptions:
     often: float = 0.05
     whole: float = 0.55
     outer: float = 0.9
-    apart_m: float = 0.4
     missed: int = 4
     gone_over: float = 0.03
     clear: float = 1.6
@@ -172,7 +170,7 @@ def _follow(
         missed, centres = 0, _middles(flat, group, count)
         between = _away(centres, centres)
         np.fill_diagonal(between, np.inf)
-        if between.min() < PARTING_PEOPLE.apart_m:
+        if between.min() < MARKER_LIMITS.trunk_m:
             return
         # Nearer to the own body's middle than half-way to the next.
         sure = _leads(_away(flat, centres), group) >= between.min(axis=1)[group] / 2
