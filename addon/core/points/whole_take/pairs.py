@@ -29,6 +29,8 @@ class PairOptions:
     min_s             physical: s, the same of a tracklet that has few frames a second: less than a step; with 30 frames
                       in its place, 4 % of names at 25 a second are wrong, and with this alone 6 % of a take at 240
     shapes            memory: drawn from a likelihood of which few frames were kept
+    length_sd         measured: of a distance of other subjects than those of the training, besides their size, in
+                      parts of it; with 0.03 two of 48 parts of people lose 4 and 13 % of their names
     max_confused_m    physical: m, between two markers that may be taken for each other: a forearm or a shank's half
     within_frames     measured: frames that training's spread counts for when the take shows another; half of it loses
                       1 % of still trials
@@ -43,6 +45,7 @@ class PairOptions:
     min_frames: int = 30
     min_s: float = 0.3
     shapes: int = 400
+    length_sd: float = 0.04
     max_confused_m: float = 0.35
     within_frames: float = 8.0
     unknown_frames: float = 0.5
@@ -115,7 +118,7 @@ def _of_subjects(own: Sequence["Moments"]) -> PairDistances:
 
 def _guess(mean: np.ndarray) -> np.ndarray:
     """Variance of distances (M, M) on a subject never seen, whatever training shows, m²."""
-    return (SUBJECT_PRIOR.length_sd * mean) ** 2 + MARKER_LIMITS.placed_m**2
+    return (PAIRING.length_sd * mean) ** 2 + MARKER_LIMITS.placed_m**2
 
 
 def _of_shape(likelihood: Likelihood) -> PairDistances:
