@@ -21,6 +21,13 @@ class MarkerLimits:
     # m, standard deviation by which skin lets a marker move against its bone, as markers of recorded actors do on a
     # fitted body
     skin_m: float = 0.006  # measured
+    limb_m: float = 0.5  # physical: m, no marker is farther from the next one of its own limb, a hand's from an elbow's
+    trunk_m: float = 0.4  # physical: m, how wide a chest or a pelvis is, and how near to each other two people stand
+    # m, standard deviation of where people put a marker or a plate on by hand, by what they feel of the bone
+    placed_m: float = 0.015  # physical
+    # m, standard deviation of a distance between markers from lab to lab, and of where a plate is on a limb; with 2 cm
+    # plates of other people that are turned round are worth more than the truth
+    lab_m: float = 0.04  # measured
     # px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
     noise_px: float = 0.5  # measured
     # m, standard deviation of a point that was reconstructed, beside its motion: blobs that merge or are partly

@@ -31,6 +31,7 @@ from threadpoolctl import threadpool_limits
 from ..body.sides import mirror_order
 from ..data.errors import JobError
 from ..data.markersets import MarkerSet
+from ..data.physical import MARKER_LIMITS
 from ..data.progress import Progress, Steps, finished, in_stages, within
 from ..data.takes import NO_MARKER, Labels, Points, evenly_spread
 from ..points.models import Model, namer_of
@@ -263,7 +264,7 @@ def _of_one_body(points: np.ndarray, tracklet: np.ndarray) -> np.ndarray:
     """(T, L) which of the points (T, L, 3) m, of such tracklets, are on the largest body, followed through the take."""
     own, known = np.zeros(tracklet.shape, dtype=bool), np.zeros(tracklet.max(initial=-1) + 2, dtype=bool)
     for frame, number in enumerate(tracklet):
-        groups = far_groups(points[frame] * [1, 1, 0], REFUSAL.gap_m, 1)  # a hip may be farther above a knee
+        groups = far_groups(points[frame] * [1, 1, 0], MARKER_LIMITS.limb_m, 1)  # a hip may be farther above a knee
         if groups:
             own[frame] = max(groups, key=lambda group: known[number[group]].sum())
             known[number[own[frame]]] = True

@@ -12,6 +12,7 @@ import numpy as np
 from ..data.errors import ForceableError, JobError
 from ..data.lanes import blocks
 from ..data.made import Table
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import NO_MARKER, Labels, evenly_spread
 from ..geometry.rigid import MIN_POINTS
 from .models import USUAL_TARGET, Model, Namer
@@ -27,13 +28,11 @@ class RefusalOptions:
                     promise it; with half of it two crowds of ten are refused
     min_sure        measured: share of the markers whose labels count: 0.13 at least in takes of the model's, 0 of
                     plates by other sets, 0.05 at most of people by a set on plates
-    min_sure_rest   measured: the same of the points that one subject leaves over, if they are another; of spare
-                    markers it is 0.05 at most
-    min_named       measured: share of the markers that such a take is given in the end; with twice of it a person in
-                    two sets at once is refused
+    min_named       measured: share of the markers that such a take is given in the end, with twice of it a person in
+                    two sets at once is refused; and that frames must be sure of among the points that one subject
+                    leaves over, if they are another: of spare markers 0.05 at most
     min_all         measured: the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at
                     most of other sets
-    gap_m           physical: between two bodies; a hand is not farther from the next marker of its own arm
     crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 1.44 of who
                     wears two sets, 2 of two subjects, 2.3 at least among all that a lab puts on
     min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
@@ -46,10 +45,8 @@ class RefusalOptions:
     max_points: int = 400
     min_confidence: float = 0.99
     min_sure: float = 0.12
-    min_sure_rest: float = 0.3
     min_named: float = 0.25
     min_all: float = 0.75
-    gap_m: float = 0.5
     crowd: float = 1.6
     min_half: float = 0.5
     max_residual: float = 0.6
@@ -111,7 +108,7 @@ def refuse_others(model: Model, namer: Namer, points: Table, solvable: bool = Fa
     first = _each_alone(namer, some)
     alone = sure_share(first, some, len(model.markerset))
     found = alone >= REFUSAL.min_sure
-    wanted = REFUSAL.min_sure_rest if found else REFUSAL.min_sure
+    wanted = REFUSAL.min_named if found else REFUSAL.min_sure
     others = [part for part in _seconds(model, some, first, found) if _sure(model, namer, part) >= wanted]
     if len(others) + found >= 2:
         raise _two_subjects(model)
@@ -126,7 +123,7 @@ def refuse_two_groups(model: Model, points: Table):
     NaN where missing; some frames are looked at.
     """
     some = points[evenly_spread(len(points), FRAMES_ASKED)]
-    if _grouped(some, REFUSAL.gap_m, REFUSAL.min_half * len(model.markerset)):
+    if _grouped(some, MARKER_LIMITS.limb_m, REFUSAL.min_half * len(model.markerset)):
         raise _two_subjects(model)
 
 
@@ -271,7 +268,7 @@ def _recognised(share: float) -> str:
 def _unrecognised(model: Model, namer: Namer, points: Table, why: str) -> UnsuitedError:
     name, size = model.markerset.name, len(model.markerset)
     some = points[evenly_spread(len(points), FRAMES_ASKED)]
-    sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_sure_rest) if not is_crowd(some, model) else None
+    sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_named) if not is_crowd(some, model) else None
     unit = mistaken_unit(model, some, sure)
     if unit:
         return UnsuitedError(unit.message)

@@ -13,7 +13,6 @@ from ..data.wording import listed
 from ..geometry.rigid import pairwise_distances
 from ..points.likelihood.learn import LEARN
 from ..points.models import TrainingTake, by_subject
-from ..points.refusals import REFUSAL
 from .contradictions import contradictions, leads
 from .spread import MAJORITY
 
@@ -137,7 +136,8 @@ def _far_off(points: np.ndarray) -> np.ndarray:
         apart = pairwise_distances(frame)
         nearest, widest = np.fmin(nearest, apart), np.fmax(widest, apart)
     np.fill_diagonal(nearest, np.inf)
-    others = (np.delete(np.delete(widest, marker, 0), marker, 1).max(initial=REFUSAL.gap_m) for marker in range(size))
+    least = MARKER_LIMITS.limb_m
+    others = (np.delete(np.delete(widest, marker, 0), marker, 1).max(initial=least) for marker in range(size))
     nearest = nearest.min(axis=1, initial=np.inf)
     return np.isfinite(nearest) & (nearest > np.fromiter(others, float, size))
 

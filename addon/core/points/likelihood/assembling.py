@@ -22,9 +22,7 @@ from .solving import Solved
 class AssemblyOptions:
     """What a placement of a rigid body may look like, and what it, and distances between rigid bodies, are worth.
 
-    noise_m        standard deviation of a measured distance; physical: what two good cameras leave
     noise_share    of a length, between takes; physical: plates bend, and calibrations differ
-    min_gate_m     that a side of a triangle may be off in any case; physical: seven times that noise
     point_gain     log likelihood of one more point that fits; measured: half of it names 2,257 of 133,000 points on
                    plates wrongly, twice none
     breach_weight  of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none,
@@ -33,20 +31,18 @@ class AssemblyOptions:
                    1,411 of them, half none; without it 9 are wrong
     """
 
-    noise_m: float = 0.0007
     noise_share: float = 0.003
-    min_gate_m: float = 0.005
     point_gain: float = 7.0
     breach_weight: float = 8.0
     single_cost: float = 1.0
 
     def spread(self, lengths: np.ndarray | float) -> np.ndarray:
         """The standard deviation, m, of measured lengths, m."""
-        return np.hypot(self.noise_m, self.noise_share * lengths)
+        return np.hypot(RIGID_BODY.min_sd_m, self.noise_share * lengths)
 
     def gate(self, length: float) -> float:
         """How far, m, a side of a triangle may be off its length, m."""
-        return max(MAX_LENGTH_SDS * float(self.spread(length)), self.min_gate_m)
+        return MAX_LENGTH_SDS * float(self.spread(length))
 
 
 ASSEMBLY = AssemblyOptions()

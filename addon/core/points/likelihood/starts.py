@@ -27,8 +27,8 @@ class StartOptions:
     softness          radii², of the first step and of the last, which fall by even ratios; physical: from half a limb
                       to as far as a marker may sit elsewhere
     loose             measured: part of the modes' spread that counts as noise, of the first step and of the last but
-                      two, by even ratios, too; none at the end; half or twice names people of other labs, and
-                      crowds, alike, without it who wears two sets loses a third
+                      two, by even ratios, too; none at the end; where it falls as the softness does `clouds-p1` is
+                      refused, without it who wears two sets loses a third
     max_same_yaw_rad  solutions that face less far from each other are one; measured: half or twice names people of
                       other labs, and crowds, alike, with 0.393 names of 1.6 % of crowds are wrong
     ghost_density     measured: points that are no marker, 1/radius³, more than there are, as no marker is in its place

@@ -17,29 +17,21 @@ from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, pairwise_distances, rigid_clusters
 from .model import RIGID_BODY, linking_order
-from .structure import INDEPENDENT, JOINT, MAX_COST, STRUCTURE, Structure, find_joints, quad_volumes
+from .structure import INDEPENDENT, JOINT, MAX_COST, Structure, find_joints, quad_volumes
 
 
 @dataclass(frozen=True)
 class ClusterMatchOptions:
     """What tracklets do that are one rigid thing, and what is worth, log likelihood, that it is a rigid body.
 
-    max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
     missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
     odd_marker_cost  what a marker more or fewer costs; measured on it
     joint_gain       what a joint is worth where it is as in training; measured on it
-    arm_sd_m         of a joint's place; physical: plates are put on by hand
-    miss_ratio       how far a joint may be off, times the model's; measured on it
-    miss_sd_m        how sharply that ends; physical: flesh over a joint
     """
 
-    max_size_m: float = 0.4
     missing_cost: float = 9.0
     odd_marker_cost: float = 0.7
     joint_gain: float = 2.0
-    arm_sd_m: float = 0.04
-    miss_ratio: float = 1.5
-    miss_sd_m: float = 0.01
 
 
 CLUSTER_MATCH = ClusterMatchOptions()
@@ -132,7 +124,7 @@ def _deviations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         distance = np.where(known, np.sqrt(x * x + y * y + z * z), 0)
         mean = distance.sum(axis=0) / frames
         varies = np.where(known, np.abs(distance - mean), 0).sum(axis=0) / frames
-        spread[one, others] = np.where(mean > CLUSTER_MATCH.max_size_m, 1.0, varies)
+        spread[one, others] = np.where(mean > MARKER_LIMITS.trunk_m, 1.0, varies)
         weight[one, others], usual[one, others] = frames, mean
     np.fill_diagonal(weight, 0)
     return spread, weight, usual
@@ -246,7 +238,7 @@ def _form_fit(form: np.ndarray, cluster: np.ndarray) -> float:
     between = pairwise_distances(large)[chosen[:, :, None], chosen[:, None]]
     best = ((_sorted_lengths(between) - _sorted_lengths(pairwise_distances(small))) ** 2).mean(axis=1).min()
     odd = CLUSTER_MATCH.odd_marker_cost * (len(large) - len(small))
-    return -min(0.5 * best / STRUCTURE.form_sd_m**2, MAX_COST) - odd
+    return -min(0.5 * best / MARKER_LIMITS.placed_m**2, MAX_COST) - odd
 
 
 def _sorted_lengths(distance: np.ndarray) -> np.ndarray:
@@ -270,12 +262,10 @@ def _joint_fit(structure: Structure, turn: np.ndarray, place: np.ndarray) -> np.
     seen = find_joints(turn, place)
     fit = np.zeros((len(structure), len(structure), *seen.miss.shape))
     for one, two in np.argwhere(structure.joints.sure):
-        off = seen.miss - CLUSTER_MATCH.miss_ratio * np.maximum(
-            structure.joints.miss[one, two], CLUSTER_MATCH.miss_sd_m
-        )
-        cost = np.minimum(0.5 * (np.maximum(off, 0) / CLUSTER_MATCH.miss_sd_m) ** 2, MAX_COST)
+        off = seen.miss - np.maximum(structure.joints.miss[one, two], JOINT.max_miss_m)
+        cost = np.minimum(0.5 * (np.maximum(off, 0) / JOINT.max_miss_m) ** 2, MAX_COST)
         for arm, usual in ((seen.arm, structure.joints.arm[one, two]), (seen.arm.T, structure.joints.arm[two, one])):
-            cost = cost + np.minimum(0.5 * ((arm - usual) / CLUSTER_MATCH.arm_sd_m) ** 2, MAX_COST / 2)
+            cost = cost + np.minimum(0.5 * ((arm - usual) / MARKER_LIMITS.lab_m) ** 2, MAX_COST / 2)
         fit[one, two] = np.where(
             np.isfinite(seen.miss) & (seen.turn > JOINT.min_turn_rad), CLUSTER_MATCH.joint_gain - cost, 0
         )

@@ -11,6 +11,7 @@ from itertools import permutations
 
 import numpy as np
 
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import NO_POINT
 from .clusters import NO_CLUSTER, Cluster, Matched, mirror_odds
 from .model import RigidBodies
@@ -33,20 +34,16 @@ from .structure import (
 class MarkerMatchOptions:
     """What is worth that a point is a marker of its rigid body, log likelihood, and a tracklet one on none, log odds.
 
-    distance_sd_m  that subjects differ by in how much farther one marker is than its rigid body; physical: plates are
-                   put on by hand
     swing_rad      that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
     missing_cost   what a marker of the rigid body costs that no point is; measured on the raw take S09_KneeltoRun02
-    min_lead       that it must lead by, over other tracklets at the same time and over other markers; measured on the
-                   raw take S09_KneeltoRun02
-    room_m         over which a point that is no marker may be anywhere; physical: about a limb
+    min_lead       measured: that a rigid body's cluster, a point and a tracklet must lead by over what else they may
+                   be; with 5 of a point the raw take S09_KneeltoRun02 has 56 markers and not 58, made up people in
+                   other plates have as many wrong
     """
 
-    distance_sd_m: float = 0.015
     swing_rad: float = 0.4
     missing_cost: float = 6.0
-    min_lead: float = 2.0
-    room_m: float = 0.5
+    min_lead: float = 3.0
 
 
 MARKER_MATCH = MarkerMatchOptions()
@@ -143,7 +140,7 @@ def _away_fit(
     seen = others & np.isfinite(distance).any(axis=(0, 1))
     away = np.nanmean(distance[:, :, seen], axis=0)
     swing = MARKER_MATCH.swing_rad * np.linalg.norm(inner.form, axis=1, keepdims=True)
-    spread = np.sqrt(inner.away_sd[:, seen] ** 2 + MARKER_MATCH.distance_sd_m**2 + swing**2)
+    spread = np.sqrt(inner.away_sd[:, seen] ** 2 + MARKER_LIMITS.placed_m**2 + swing**2)
     cost = _costs(away, inner.away[:, seen], spread, tried).sum(axis=1)
     return -cost * INDEPENDENT / max(int(seen.sum()), INDEPENDENT)
 
@@ -164,7 +161,7 @@ def _joint_fit(form, points, wanted, found, tried: np.ndarray) -> np.ndarray:
     No pose changes that.
     """
     away, usual = (farther(markers[None], joints[None])[0] for markers, joints in ((points, found), (form, wanted)))
-    return -_costs(away, usual, np.array(MARKER_MATCH.distance_sd_m), tried).sum(axis=1)
+    return -_costs(away, usual, np.array(MARKER_LIMITS.placed_m), tried).sum(axis=1)
 
 
 def _side_fit(
@@ -233,7 +230,7 @@ def _single_odds(rigid_bodies: RigidBodies, named: np.ndarray, missing: np.ndarr
     width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
     place = np.argsort(width[np.ix_(missing, known)], axis=1)[:, :JUDGES]
     near = missing[:, None], known[place]
-    gain = np.log(np.maximum(MARKER_MATCH.room_m / width[near], 1))
+    gain = np.log(np.maximum(MARKER_LIMITS.limb_m / width[near], 1))
     for tracklet in range(points.shape[1]):
         frames = np.isfinite(points[:, tracklet, 0])
         every = np.linalg.norm(named[np.ix_(frames, known)] - points[frames, tracklet, None], axis=-1)

@@ -13,6 +13,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 from ...geometry.rigid import centre_of_rotation, in_axes, laid_on, pairwise_distances
 from ...kernels import point_calls, stands_for
@@ -70,42 +71,21 @@ def _median(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class JointOptions:
-    """When two rigid bodies are taken to meet in a joint.
+    """When two rigid bodies are taken to meet in a joint, and how subjects differ.
 
-    max_miss_m    that rigid bodies with a joint between them may be off it, root mean square; physical: flesh on bone
-    min_turn_rad  about, that rigid bodies must turn against each other to show a joint; physical: 9°
+    max_miss_m      physical: root mean square, that rigid bodies with a joint between them may be off it, and a marker
+                    beside one may move against it to be looked for on it: flesh on bone; across a joint it moves more
+    min_turn_rad    about, that rigid bodies must turn against each other to show a joint; physical: 9°
+    proportions_sd  physical: people's proportions, in parts of a distance on or between rigid bodies, and of a volume
+                    over its sides, besides what plates put on by hand do
     """
 
     max_miss_m: float = 0.025
     min_turn_rad: float = 0.15
-
-
-@dataclass(frozen=True)
-class StructureOptions:
-    """What subjects are taken to differ by.
-
-    slack_share     in parts of a distance, beside what plates put on by hand do; physical: people's proportions
-    min_volume_sd   that a signed volume is taken to vary by, in units of its sides; measured: half and twice of it name
-                    people in other plates alike
-    max_beside_m    physical: that a marker on no rigid body may move against one, root mean square, to be looked for on
-                    it; across a joint it moves more
-    form_sd_m       measured: of a length within a rigid body, on the raw take S09_KneeltoRun02
-    form_share      measured: the same of the length, besides, on it
-    """
-
-    slack_share: float = 0.08
-    min_volume_sd: float = 0.05
-    max_beside_m: float = 0.03
-    form_sd_m: float = 0.012
-    form_share: float = 0.15
-
-    def between_subjects(self, distance: np.ndarray) -> np.ndarray:
-        """m, how much a distance, m, differs from one subject's to another's."""
-        return RIGID_BODY.slack_m + self.slack_share * distance
+    proportions_sd: float = 0.08
 
 
 JOINT = JointOptions()
-STRUCTURE = StructureOptions()
 STRUCTURE_FRAMES = 300  # of a subject that are learned from, evenly spread
 JOINT_PULL = 0.05  # of a joint to the middles of its rigid bodies, along axes about which nothing turns
 MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
@@ -204,7 +184,7 @@ def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -
         low, high = np.nanpercentile(pairwise_distances(place), MIDDLES_TAILS, axis=0)
         quads = np.array(list(combinations(range(len(poses)), 4)), int).reshape(-1, 4)
         volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
-        mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd)
+        mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), JOINT.proportions_sd)
         telling = np.abs(mean) > spread
         single = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
         inner = [
@@ -214,7 +194,7 @@ def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -
         return Structure(
             low,
             high,
-            STRUCTURE.between_subjects((low + high) / 2) + RIGID_BODY.slack_range * (high - low),
+            between_subjects((low + high) / 2) + RIGID_BODY.slack_range * (high - low),
             quads[telling],
             mean[telling],
             spread[telling],
@@ -224,9 +204,14 @@ def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -
         )
 
 
+def between_subjects(distance: np.ndarray) -> np.ndarray:
+    """m, how much a distance, m, differs from one subject's to another's."""
+    return MARKER_LIMITS.placed_m + JOINT.proportions_sd * distance
+
+
 def length_spread(lengths: np.ndarray) -> np.ndarray:
     """The standard deviation, m, of lengths, m, within a rigid body, from one subject's to another's."""
-    return np.hypot(STRUCTURE.form_sd_m, STRUCTURE.form_share * lengths)
+    return np.hypot(MARKER_LIMITS.placed_m, JOINT.proportions_sd * lengths)
 
 
 def _centred(form: np.ndarray) -> np.ndarray:
@@ -270,7 +255,7 @@ def _learn_inner(
     local = in_axes(turn, place, frames[:, single])
     spread = np.sqrt(np.nanvar(local, axis=0).sum(axis=1)) if len(single) else np.zeros(0)
     order = np.argsort(spread)
-    beside = order[spread[order] < STRUCTURE.max_beside_m][: max(MAX_MEMBERS - len(group), 0)]
+    beside = order[spread[order] < JOINT.max_miss_m][: max(MAX_MEMBERS - len(group), 0)]
     members = np.concatenate([group, single[beside]]).astype(int)
     markers = frames[:, members]
     distance = farther(markers, middles)
@@ -284,7 +269,7 @@ def _learn_inner(
         np.nanmean(distance, axis=0),
         np.broadcast_to(np.sqrt(change), (len(members), middles.shape[1])),
         np.nanmean(volumes, axis=0),
-        np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd),
+        np.hypot(np.nanstd(volumes, axis=0), JOINT.proportions_sd),
     )
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from ...data.lanes import blocks
 from ...data.made import Table
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
-from ..refusals import REFUSAL, far_groups
+from ..refusals import far_groups
 from .affinity import AFFINE_TRACKLETS, Affinity
 from .wearers import MAX_SUBJECTS
 
@@ -33,7 +34,6 @@ class PartingPeopleOptions:
                them at most on one side
     outer      measured: part of the points that are not farther out than where another body is looked for, as ghosts
                are; 0.8 and 0.97 part 20 kinds of meetings worse, by 0.3 and 0.1 % of the points
-    apart_m    between the middles of bodies that are followed by their places; physical: nearer, shoulders touch
     missed     measured: frames in a row without somebody, after which nobody is followed any more; where they are
                followed on, 1 % more of the points of meetings are on the wrong body
     gone_over  measured: part of the tracklets that were one body's, beyond which nobody is followed any more where they
@@ -49,7 +49,6 @@ class PartingPeopleOptions:
     often: float = 0.05
     whole: float = 0.55
     outer: float = 0.9
-    apart_m: float = 0.4
     missed: int = 4
     gone_over: float = 0.03
     clear: float = 1.6
@@ -79,7 +78,7 @@ def count_bodies(points: Table, tracklet: np.ndarray, affinity: Affinity, marker
     for frame in frames.tolist():
         own = points[frame][firm[frame]]
         present.append(len(own))
-        sizes.append(len(far_groups(own, REFUSAL.gap_m, markers / 2)))
+        sizes.append(len(far_groups(own, MARKER_LIMITS.limb_m, markers / 2)))
     groups = np.sort(sizes)[::-1]
     apart = int(groups[int(PARTING_PEOPLE.often * len(groups))])
     most = round(float(np.quantile(present, 1 - PARTING_PEOPLE.often)) / markers)
@@ -171,7 +170,7 @@ def _follow(
         missed, centres = 0, _middles(flat, group, count)
         between = _away(centres, centres)
         np.fill_diagonal(between, np.inf)
-        if between.min() < PARTING_PEOPLE.apart_m:
+        if between.min() < MARKER_LIMITS.trunk_m:
             return
         # Nearer to the own body's middle than half-way to the next.
         sure = _leads(_away(flat, centres), group) >= between.min(axis=1)[group] / 2
@@ -305,7 +304,7 @@ def _coming(
         if best > -np.inf:
             return [some for some in found if len(some) >= PARTING_PEOPLE.whole * markers]
     own = np.flatnonzero(left[tracklet[frame]])
-    groups = far_groups(points[frame, own], REFUSAL.gap_m, PARTING_PEOPLE.whole * markers)
+    groups = far_groups(points[frame, own], MARKER_LIMITS.limb_m, PARTING_PEOPLE.whole * markers)
     return [tracklet[frame, own[group]] for group in groups]
 
 

@@ -19,6 +19,7 @@ from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
 from ..likelihood.model import Known, Likelihood
 from ..likelihood.naming import Settled, expected_of, score_of, settle
+from ..likelihood.solving import MIN_GAIN
 from ..refusals import REFUSAL
 from .objective import OBJECTIVE, clipped, settled_frames
 from .pairs import PAIRING
@@ -111,18 +112,6 @@ def _row(block: np.ndarray, other: np.ndarray, every: int) -> np.ndarray:
     return row
 
 
-@dataclass(frozen=True)
-class LayoutNamingOptions:
-    """How names are given to the markers of a crowd.
-
-    min_gain  log likelihood of the middle frame by which other names must be better; measured: twice of it names
-              4 % of crowds wrong, half none
-    """
-
-    min_gain: float = 0.3
-
-
-LAYOUT_NAMING = LayoutNamingOptions()
 LAYOUT_ROUNDS = 12  # of asking, and asking again; by time
 
 
@@ -159,11 +148,11 @@ def named_by_layout(
         tried = _without_held(_exchanges(known, now, name), held)
         others, middle, usual = _gains(known, now, place, tried)
         questions = _questions(tried, usual, len(likelihood))
-        if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
+        if middle.max(initial=0) <= MIN_GAIN:
             tried = _without_held(block_exchanges(known, now, place), held)
             others, middle, usual = _gains(known, now, place, tried)
             questions += _questions(tried, usual, len(likelihood))
-            if middle.max(initial=0) <= LAYOUT_NAMING.min_gain:
+            if middle.max(initial=0) <= MIN_GAIN:
                 break
         best = int(middle.argmax())
         name = np.argsort(place[tried[best]])

@@ -11,7 +11,7 @@ from ...data.takes import NO_MARKER
 from ...geometry.rigid import MIN_POINTS
 from ...kernels import point_calls, stands_for
 from ..tracklets import CUTTING, VOTE
-from .pairs import PairDistances
+from .pairs import PAIRING, PairDistances
 from .tracklets import PlacedMarkers, Tracklets
 
 
@@ -27,13 +27,13 @@ class LikenessOptions:
                       wrong, with 6 still trials lose 2 %
     max_square        measured: standard deviations², beyond which a distance is no worse; with 9 plates lose 2 %, with
                       32 names of 1 % of crowds are wrong
-    wide_m            physical: m, that a marker's place is known to, whatever its neighbours say: half a person
+    wide_m            m, that a marker's place is known to, whatever its neighbours say
     ghost_density     physical: points that are no marker in a cubic metre: one or two where a person moves
     sample_s          measured: s that a tracklet must be longer to say as much again; with twice plates lose 2 %
     max_samples       measured: what it can say at most, in such times; with 4 names of 1 % of people of other labs are
                       wrong, with 9 they lose 3 %
     block             memory: frames of tracklets at once
-    change_s          physical: s, in which its distances become what they are at any time: less than a step
+    change_s          s, in which its distances become what they are at any time
     link_sd_m         m, by which they change in no time
     """
 
@@ -42,12 +42,12 @@ class LikenessOptions:
     min_neighbours: int = MIN_POINTS
     independent: float = 4.0
     max_square: float = 16.0
-    wide_m: float = 0.5
+    wide_m: float = MARKER_LIMITS.limb_m
     ghost_density: float = 0.3
     sample_s: float = 0.25
     max_samples: float = 6.0
     block: int = 384
-    change_s: float = 0.3
+    change_s: float = PAIRING.min_s
     link_sd_m: float = MARKER_LIMITS.skin_m
 
 

@@ -61,7 +61,6 @@ class ObjectiveOptions:
     """What the objective looks at.
 
     frames     memory: whose shape is asked, and sides, out of so many times as many that show most of the markers
-    min_frames physical: a frame may be odd, and so may a second; fewer say nothing
     min_seen   physical: markers of a set, and of a frame that is asked: fewer have a place and a facing, and hardly a
                shape; a fifth is in one place by its distances to four
     max_marker measured: log likelihood of a frame's shape that the point of one marker wins or loses, and by which any
@@ -73,7 +72,6 @@ class ObjectiveOptions:
     """
 
     frames: int = 16
-    min_frames: int = 3
     min_seen: int = 5
     max_marker: float = 6.0
     shape: float = 0.5
@@ -317,8 +315,8 @@ def fullest_frames(seen: np.ndarray) -> np.ndarray:
 
 
 def settled_frames(likelihood: Likelihood, placed: np.ndarray) -> Settled | None:
-    """Frames (F, M + E, 3) m with the names that they have; None where they are too few."""
-    if len(placed) < OBJECTIVE.min_frames:
+    """Frames (F, M + E, 3) m with the names that they have; None where there are none."""
+    if not len(placed):
         return None
     points = upright_aligned(placed.astype(float), likelihood.shape.mean)
     present = np.isfinite(points[..., 0])

@@ -26,12 +26,11 @@ class PairOptions:
     """How distances are learned.
 
     min_frames        physical: of a subject, or of a tracklet, that show how it moves: a third of a second
-    min_s             physical: s, the same of a tracklet that has few frames a second; with 30 frames in its place, 4 %
-                      of names at 25 a second are wrong, and with this alone 6 % of a take at 240
+    min_s             physical: s, the same of a tracklet that has few frames a second: less than a step; with 30 frames
+                      in its place, 4 % of names at 25 a second are wrong, and with this alone 6 % of a take at 240
     shapes            memory: drawn from a likelihood of which few frames were kept
-    length_sd         physical: of a distance of other subjects than those of the training, besides their size, in
-                      parts of it,
-    place_sd_m        physical: m, and of where their markers sit: a centimetre each
+    length_sd         measured: of a distance of other subjects than those of the training, besides their size, in
+                      parts of it; with 0.03 two of 48 parts of people lose 4 and 13 % of their names
     max_confused_m    physical: m, between two markers that may be taken for each other: a forearm or a shank's half
     within_frames     measured: frames that training's spread counts for when the take shows another; half of it loses
                       1 % of still trials
@@ -47,7 +46,6 @@ class PairOptions:
     min_s: float = 0.3
     shapes: int = 400
     length_sd: float = 0.04
-    place_sd_m: float = 0.015
     max_confused_m: float = 0.35
     within_frames: float = 8.0
     unknown_frames: float = 0.5
@@ -120,7 +118,7 @@ def _of_subjects(own: Sequence["Moments"]) -> PairDistances:
 
 def _guess(mean: np.ndarray) -> np.ndarray:
     """Variance of distances (M, M) on a subject never seen, whatever training shows, m²."""
-    return (PAIRING.length_sd * mean) ** 2 + PAIRING.place_sd_m**2
+    return (PAIRING.length_sd * mean) ** 2 + MARKER_LIMITS.placed_m**2
 
 
 def _of_shape(likelihood: Likelihood) -> PairDistances:

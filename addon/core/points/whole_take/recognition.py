@@ -15,26 +15,11 @@ from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_POINT, NO_STEP, Labels, S
 from ...geometry.rigid import MIN_POINTS
 from ..refusals import REFUSAL
 from ..rigid_bodies.clusters import NO_CLUSTER, Cluster, Matched, Sampled, find_clusters, match_clusters, sampled
-from ..rigid_bodies.markers import Placed, find_single_markers, place_markers
+from ..rigid_bodies.markers import MARKER_MATCH, Placed, find_single_markers, place_markers
 from ..rigid_bodies.model import RigidBodies
 from ..rigid_bodies.structure import Structure, unseen_is_nan
 
-
-@dataclass(frozen=True)
-class RecognitionOptions:
-    """What is sure enough to be taken for known.
-
-    min_body_lead    log odds by which a rigid body's cluster must lead; measured on subjects made of the labelled
-                     Clouthier takes, with other limbs and rigid bodies of other forms elsewhere on them
-    min_marker_lead  log odds by which a marker's point must lead within the rigid body; measured on the same
-    """
-
-    min_body_lead: float = 3.0
-    min_marker_lead: float = 5.0
-
-
-RECOGNITION = RecognitionOptions()
-MOTION_CONFIDENCE = 0.99  # of a name that only the motion of the whole take gives: a lead of 5 is 0.993
+MOTION_CONFIDENCE = 0.99  # of a name that only the motion of the whole take gives
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +96,10 @@ def recognise(
         seen = sampled(points, tracklet, rate)
         clusters = find_clusters(seen)
         matched = match_clusters(structure, clusters)
-        sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= RECOGNITION.min_body_lead)
+        sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= MARKER_MATCH.min_lead)
         cluster = np.where(sure, matched.cluster, NO_CLUSTER)
         placed = place_markers(structure, clusters, Matched(cluster, matched.margin))
-        named = (placed.point != NO_POINT) & (placed.margin >= RECOGNITION.min_marker_lead)
+        named = (placed.point != NO_POINT) & (placed.margin >= MARKER_MATCH.min_lead)
         at = _positions(clusters, cluster, placed, named)
         single = np.full(int(tracklet.max(initial=-1)) + 1, -1)
         free = _free(seen, clusters)

