@@ -200,24 +200,35 @@ def marker_sides(markers: Sequence[str]) -> np.ndarray:
 
 
 def _starts(model: BodyModel, cloud: np.ndarray, poses: np.ndarray, height: float) -> Bodies:
-    """The likeliest bodies in some of the poses, turned about the vertical, above the cloud's middle and its lowest."""
+    """The likeliest bodies in some of the poses, turned about the vertical, above a middle of the cloud."""
     some = np.concatenate([np.zeros_like(poses[:1]), some_of(poses)])
     bodies = posed_bodies(model, some, height)
     markers = model.pose(bodies).markers
-    middle, goal = _foot(markers), _foot(cloud)
     yaws = np.arange(HEADINGS) * 2 * np.pi / HEADINGS
-    placed = [turned(markers - middle[:, None], np.full(len(markers), yaw)) + goal for yaw in yaws]
-    costs = np.array([_far(row, cloud, LAYING.gates[0] * height) for row in placed])
+    ways = [
+        (turned(markers - middle[:, None], np.full(len(markers), yaw)) + goal, middle, goal, yaw)
+        for middle, goal in zip(_feet(markers), _feet(cloud), strict=True)
+        for yaw in yaws
+    ]
+    costs = np.array([_far(placed, cloud, LAYING.gates[0] * height) for placed, *_ in ways])
     chosen = np.argsort(costs, axis=None)[: LAYING.starts]
-    yaw, pose = np.unravel_index(chosen, costs.shape)
-    picked, about = bodies.pick(pose), rotations.about_z(yaws[yaw])
-    moved = goal - turned(middle[pose][:, None], yaws[yaw])[:, 0]
+    way, pose = np.unravel_index(chosen, costs.shape)
+    middle = np.array([ways[one][1][own] for one, own in zip(way, pose, strict=True)])
+    goal, yaw = np.array([ways[one][2] for one in way]), np.array([ways[one][3] for one in way])
+    picked, about = bodies.pick(pose), rotations.about_z(yaw)
+    moved = goal - turned(middle[:, None], yaw)[:, 0]
     return replace(picked, translation=moved, quaternion=rotations.quaternion_product(about, picked.quaternion))
 
 
-def _foot(points: np.ndarray) -> np.ndarray:
-    """(..., 3) the middle of points (..., N, 3) on the ground below them: what lies about hardly moves it."""
-    return np.concatenate([np.median(points, axis=-2)[..., :2], points.min(axis=-2)[..., 2:]], axis=-1)
+def _feet(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(..., 3) two middles of points (..., N, 3) on the ground below them: one may go up farther than the other.
+
+    The first counts limbs alike however many markers are on each, the second hardly what lies about.
+    """
+    low, high = points.min(axis=-2), points.max(axis=-2)
+    middles = (low + high)[..., :2] / 2, np.median(points, axis=-2)[..., :2]
+    box, usual = (np.concatenate([middle, low[..., 2:]], axis=-1) for middle in middles)
+    return box, usual
 
 
 def _far(markers: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:
