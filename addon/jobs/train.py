@@ -16,6 +16,7 @@ from ..core.points.likelihood.learn import Trying, in_turn
 from ..core.points.models import NO_HISTORY, Model, ModelHistory, ModelVersion, TrainingTake
 from ..core.training.described import described
 from ..core.training.described import learned as learned_from_words
+from ..core.training.laying import lying_beside
 from ..core.training.pipeline import TRAINING_SHARES, Trained, TrainingOptions, never_named, train, train_solvers
 from ..core.training.takes import standing_apart, subject_rows
 from ..io.layouts import open_layout
@@ -216,12 +217,14 @@ def _learned(
         # Of what was asked for, or learned before, nothing is left out.
         apart = () if job.markers or base else standing_apart(takes, markers)
         markers = tuple(name for name in markers if name not in apart)
+        beside = () if job.markers or base else lying_beside(takes, markers, bodies)
+        markers = tuple(name for name in markers if name not in beside)
     options = _options(job, base, len(markers))
     trained = yield from train(takes, markers, options, base, bodies, try_all)
     report = _report(job, takes, trained, options.hit_rate, clock | trained.seconds)
     doubts = " ".join(trained.doubts)
     new = {name for name in kept if name in markers and name not in doubts}
-    report["doubts"] += _not_shown(new, {*kept, *lost} - {*markers}, apart)
+    report["doubts"] += _not_shown(new, {*kept, *lost} - {*markers}, apart, beside)
     taught = tuple(zip(takes, [*digests, *[""] * len(job.shown)], strict=True))
     return _Taught(_with_source(trained.model), base, taught, report), trained.replaced
 
@@ -255,12 +258,13 @@ def _given_solvers(job: TrainJob, base: Model, clock: dict[str, float]) -> Gener
     return _Taught(model, base, (), _report(job, (), trained, options.hit_rate, clock))
 
 
-def _not_shown(kept: set[str], lost: set[str], apart: Sequence[str]) -> list[str]:
+def _not_shown(kept: set[str], lost: set[str], apart: Sequence[str], beside: Sequence[str]) -> list[str]:
     """Sentences on names that are no markers in the takes: those that stay in the set, and those that do not."""
     rows = (
         (sorted(kept), "not seen in any take: where it sits is taken from the known body"),
         (sorted(lost), "not seen in any take: left out"),
         (apart, "no marker on the subject: two of three axes are zero throughout, or far from all others, left out"),
+        (beside, "no marker on the subject: on the floor, away from the feet, left out"),
     )
     return [f"{listed(names)} {'are' if len(names) > 1 else 'is'} {what}" for names, what in rows if names]
 

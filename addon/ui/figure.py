@@ -132,7 +132,7 @@ def missing(stored: Stored, index: int, found: Sequence[Trouble]) -> np.ndarray:
     """(K, 3) m where the body has the markers that nothing is in a frame, and whose gap is among the trouble found."""
     frame, there = stored.motion.frames[index], np.isfinite(stored.motion.markers[index]).all(axis=1)
     gaps = [one for one in found if one.kind == MISSING and not one.answered]
-    lost = {stored.words[one.markers[0]] for one in gaps if any(a <= frame <= b for a, b in one.ranges)}
+    lost = {stored.words[name] for one in gaps if any(a <= frame <= b for a, b in one.ranges) for name in one.markers}
     return stored.motion.expected[index, [marker for marker in sorted(lost) if not there[marker]]]
 
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which of the marker sets that are known is worn in a take, by a part of it.
 
-A set may be worn where nearly all of its markers are there. Of two such, A leads B by
+A set may be worn where nearly all of its markers are there; of one that a single subject taught, mostly by a standing
+trial, half of them: some are taken off for the motion. Of two such, A leads B by
 
     sum_i (a_i - b_i) + sum_A (a_i - e) - sum_B (b_i - e) + h (hidden_B - hidden_A)
 
@@ -137,6 +138,11 @@ class FittingSet:
         order = every if order is None else order
         return 1 - float((self.there & self.there[order])[every <= order].mean())
 
+    @property
+    def suits(self) -> bool:
+        """Whether no more of its markers are absent than may be."""
+        return self.absent <= (REFUSAL.min_half if is_of_one(self.model) else WORN.max_absent)
+
     def beats(self, other: "FittingSet") -> bool:
         """Whether another set is not worn, because this one may be."""
         one, two = self.marker != NO_MARKER, other.marker != NO_MARKER
@@ -209,7 +215,7 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
         raise JobError("shows too few points for a body; expected the markers of a subject")
     kinds: dict[frozenset[str], list[Model]] = {}
     for model in models:
-        if most >= (1 - WORN.max_unfound) * len(model.markerset):
+        if most >= (1 - _most_unfound(model)) * len(model.markerset):
             kinds.setdefault(frozenset(model.markerset.markers), []).append(model)
     tried = [max(alike, key=lambda one: worth_of(one, some)) if alike[1:] else alike[0] for alike in kinds.values()]
     tracklet, found = cut(part.xyz, part.rate, lanes=part.lanes), []
@@ -219,13 +225,23 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
             with suppress(JobError):
                 found.append((yield from within(work, number / len(tried), (number + 1) / len(tried))))
     every = [one for one in found if one is not None]
-    suiting = [one for one in every if one.absent <= WORN.max_absent and not one.refused]
+    suiting = [one for one in every if one.suits and not one.refused]
     left = [one for one in every if not any(other.beats(one) for other in suiting)]
     likely = [one for one in left if one in suiting]
     sure = len(left) == len(likely) == 1 and left[0].beside <= WORN.max_beside
     if suiting and not likely:  # what beats them all lacks too many of its markers
         likely = [one for one in left if not one.refused] + suiting
     return left[0].model if sure else None, [one.model for one in likely]
+
+
+def is_of_one(model: Model) -> bool:
+    """Whether one subject taught a model: many of the markers that showed who stands are taken off for the motion."""
+    return model.likelihood is not None and model.likelihood.subjects == 1
+
+
+def _most_unfound(model: Model) -> float:
+    """The part of a model's markers that may be hardly there before the search."""
+    return REFUSAL.min_half if is_of_one(model) else WORN.max_unfound
 
 
 def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingSet | None]:
@@ -235,7 +251,7 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
     if frames.solvable:
         solution = finished(solve_take(take.xyz, tracklet, frames.labels, frames.model, take.rate, search="none"))
         marker = solution.tracklets.spread(solution.marker, NO_MARKER, slice(None))
-        if _there(marker, len(model.markerset)).mean() < 1 - WORN.max_unfound:
+        if _there(marker, len(model.markerset)).mean() < 1 - _most_unfound(model):
             return None  # a search takes longest where a set is another
         solution = solution if solution.crowd else None  # in which there is no search
     solution, verdict = yield from as_a_whole(frames, replace(options, force=True), solution)

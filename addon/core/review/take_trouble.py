@@ -24,6 +24,7 @@ from .trouble import (
     joined_leftovers,
     left_over,
     missing,
+    never_found,
     nobody,
     of_cameras,
     off_body,
@@ -157,15 +158,22 @@ class TakeTrouble:
         return all(accepted_in(self.edits, one.topic, np.arange(a, b + 1)).all() for a, b in one.spans)
 
     def _of_missing(self) -> Iterator[Trouble]:
+        nowhere: list[str] = []
         for index, name in enumerate(self.names):
             beside = [one for one in self._left if one.beside == index]
             filled = self._filled.get(name, ())
             gaps = [one[:2] for one in self._missing.of[index]]
             gaps = [one for one in gaps if not any(a <= one[0] and one[1] <= b for a, b in filled)]
-            if sum(last - first + 1 for first, last in gaps) > MAX_BREAK_FRAMES:
+            lost = sum(last - first + 1 for first, last in gaps)
+            if lost == self.subject_frames > MAX_BREAK_FRAMES and not beside:
+                nowhere.append(name)
+            elif lost > MAX_BREAK_FRAMES:
                 yield missing(name, tuple(gaps), self.subject_frames, beside)
             if excused := self._excused.of[index]:
                 yield _answered(missing(name, tuple(one[:2] for one in excused), self.subject_frames, beside))
+        if nowhere:
+            ranges = self._missing.of[self.names.index(nowhere[0])]
+            yield never_found(nowhere, tuple(one[:2] for one in ranges))
 
     def _of_leftovers(self) -> Iterator[Trouble]:
         extra = []

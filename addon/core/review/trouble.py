@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Labels, Motion, PointRows, Suspect, evenly_spread
-from ..data.wording import LISTED, words_of_frames
+from ..data.wording import LISTED, listed, words_of_frames
 from ..edits.kinds import Accepted, Delete, Edit, Right
 from .answering import PAIR
 from .summary import MM_PER_M
@@ -130,7 +130,9 @@ class Trouble:
         """What it is about, in a few words."""
         tracks = [f"trajectory {number}" for number in self.trajectories]
         words = [*self.markers] or [*self.cameras] or tracks[:1]
-        return " ".join(words) if len(words) > 1 or len(tracks) < 2 or self.markers else f"{len(tracks)} trajectories"
+        return (
+            listed(words, " ") if len(words) > 1 or len(tracks) < 2 or self.markers else f"{len(tracks)} trajectories"
+        )
 
     @property
     def topic(self) -> str:
@@ -179,8 +181,9 @@ def missing(name: str, ranges: Spans, frames: int, beside: Sequence[Leftover]) -
     reason = f"{name} is found in {_percent(1 - lost / frames)} of the frames; {where}"
     advice, action, answer = f"Name the point that is {name} where there is one, and fill the gaps", FILL, "Not Seen"
     if lost == frames:
-        reason, action, answer = f"{name} is never found", RIGHT, NOT_WORN
-        advice = f"If {name} was not on the subject, say {NOT_WORN}; else name its point, and label again"
+        if not beside:
+            return never_found([name], ranges)
+        reason, answer = f"{name} is never found", NOT_WORN
     tracks: tuple[int, ...] = ()
     named_in: Spans = ()
     if beside:
@@ -193,6 +196,19 @@ def missing(name: str, ranges: Spans, frames: int, beside: Sequence[Leftover]) -
     return Trouble(
         MISSING, first, last, reason, advice, float(lost), (name,), tracks, action=action, answer=answer, ranges=ranges,
         named_in=named_in, lasting=f"{name} has gaps",
+    )  # fmt: skip
+
+
+def never_found(names: Sequence[str], ranges: Spans) -> Trouble:
+    """Markers that are not there in any of the ranges that are all of the take, in one line: most were not worn."""
+    who, are, was, its = listed(names), "are", "were", "their points"
+    if len(names) == 1:
+        are, was, its = "is", "was", "its point"
+    advice = f"If {who} {was} not on the subject, say {NOT_WORN}; else name {its}, and label again"
+    stake = float(len(names) * sum(last - first + 1 for first, last in ranges))
+    return Trouble(
+        MISSING, ranges[0][0], ranges[-1][1], f"{who} {are} never found", advice, stake, tuple(names), action=RIGHT,
+        answer=NOT_WORN, ranges=ranges, lasting=f"{who} {'has' if len(names) == 1 else 'have'} gaps",
     )  # fmt: skip
 
 

@@ -22,7 +22,16 @@ from ..papers.virtual_occlusions.placement import GUESSING
 from ..posing.posing import labelled_pull
 from .poses import known_poses, posed_bodies
 from .spread import MAJORITY, some_of
-from .transfer import off_surface, on_worn_limbs, places_in_segments, without_markers
+from .takes import LabelledTake, gathered
+from .transfer import (
+    in_segments,
+    known_body,
+    known_places,
+    off_surface,
+    on_worn_limbs,
+    places_in_segments,
+    without_markers,
+)
 
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
@@ -72,6 +81,32 @@ def laid_into(subjects: Sequence[np.ndarray], markers: Sequence[str], bodies: Se
     reach = np.nanmax(full[..., 2], axis=1) - np.nanmin(full[..., 2], axis=1)
     posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
     return laid_body(full[np.argsort(reach)[len(full) // 2]], posable, marker_sides(markers))
+
+
+def lying_beside(takes: Sequence[LabelledTake], markers: Sequence[str], bodies: Sequence[MarkerSet]) -> tuple[str, ...]:
+    """The names among the markers' that are of what lies on the floor beside whoever wears the others in the takes.
+
+    Starting blocks, a ball, the corners of a plate: no higher than a foot, and as far off the skin of a known body as
+    no marker is worn. None where no known body fits.
+    """
+    subjects = list(gathered(takes, markers).values())
+    body, place = known_body(markers, bodies), None
+    if body is not None:
+        place = known_places(body, markers)
+    elif (laid := laid_into(subjects, markers, bodies)) is not None:
+        body, place = laid.body, laid.place
+    if body is None or place is None:
+        return ()
+    here = np.flatnonzero(place >= 0)
+    bare, gate, beside = without_markers(body, place[here]), LAYING.gates[1], []
+    for points in subjects:
+        found = in_segments(BodyModel(bare), points, here)
+        if found is not None:
+            off_skin = off_surface(bare, found[0])[:, on_worn_limbs(bare)].min(axis=1)
+            height, low = points[..., 2], np.nanmin(points[..., 2])
+            on_floor = np.nan_to_num(height, nan=low).max(axis=0) <= low + gate * (np.nanmax(height) - low)
+            beside.append(on_floor & (off_skin > 2 * gate))
+    return tuple(name for name, own in zip(markers, np.transpose(beside), strict=False) if own.all())
 
 
 def laid_body(frame: np.ndarray, bodies: Sequence[tuple[MarkerSet, np.ndarray]], sides: np.ndarray) -> LaidBody | None:
@@ -165,25 +200,35 @@ def marker_sides(markers: Sequence[str]) -> np.ndarray:
 
 
 def _starts(model: BodyModel, cloud: np.ndarray, poses: np.ndarray, height: float) -> Bodies:
-    """The likeliest bodies in some of the poses, turned about the vertical, above the cloud's middle and its lowest."""
+    """The likeliest bodies in some of the poses, turned about the vertical, above a middle of the cloud."""
     some = np.concatenate([np.zeros_like(poses[:1]), some_of(poses)])
     bodies = posed_bodies(model, some, height)
     markers = model.pose(bodies).markers
-    middle, goal = _foot(markers), _foot(cloud)
     yaws = np.arange(HEADINGS) * 2 * np.pi / HEADINGS
-    placed = [turned(markers - middle[:, None], np.full(len(markers), yaw)) + goal for yaw in yaws]
-    costs = np.array([_far(row, cloud, LAYING.gates[0] * height) for row in placed])
+    ways = [
+        (turned(markers - middle[:, None], np.full(len(markers), yaw)) + goal, middle, goal, yaw)
+        for middle, goal in zip(_feet(markers), _feet(cloud), strict=True)
+        for yaw in yaws
+    ]
+    costs = np.array([_far(placed, cloud, LAYING.gates[0] * height) for placed, *_ in ways])
     chosen = np.argsort(costs, axis=None)[: LAYING.starts]
-    yaw, pose = np.unravel_index(chosen, costs.shape)
-    picked, about = bodies.pick(pose), rotations.about_z(yaws[yaw])
-    moved = goal - turned(middle[pose][:, None], yaws[yaw])[:, 0]
+    way, pose = np.unravel_index(chosen, costs.shape)
+    middle = np.array([ways[one][1][own] for one, own in zip(way, pose, strict=True)])
+    goal, yaw = np.array([ways[one][2] for one in way]), np.array([ways[one][3] for one in way])
+    picked, about = bodies.pick(pose), rotations.about_z(yaw)
+    moved = goal - turned(middle[:, None], yaw)[:, 0]
     return replace(picked, translation=moved, quaternion=rotations.quaternion_product(about, picked.quaternion))
 
 
-def _foot(points: np.ndarray) -> np.ndarray:
-    """(..., 3) the middle of points (..., N, 3) on the ground below them: one may go up farther than the other."""
+def _feet(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(..., 3) two middles of points (..., N, 3) on the ground below them: one may go up farther than the other.
+
+    The first counts limbs alike however many markers are on each, the second hardly what lies about.
+    """
     low, high = points.min(axis=-2), points.max(axis=-2)
-    return np.concatenate([(low + high)[..., :2] / 2, low[..., 2:]], axis=-1)
+    middles = (low + high)[..., :2] / 2, np.median(points, axis=-2)[..., :2]
+    box, usual = (np.concatenate([middle, low[..., 2:]], axis=-1) for middle in middles)
+    return box, usual
 
 
 def _far(markers: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:

@@ -97,7 +97,7 @@ def _hung(
     no frame shows stays as it is.
     """
     model = BodyModel(body)
-    found = [one for points in subjects if (one := _in_segments(model, points, here)) is not None]
+    found = [one for points in subjects if (one := in_segments(model, points, here)) is not None]
     if not found:
         raise ValueError("no frame shows enough of the known markers together")
     means, spreads = np.array([mean for mean, _ in found]), np.array([spread for _, spread in found])
@@ -143,7 +143,7 @@ def without_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
     return replace(body, markers=names, attachment=attachment, offsets=body.offsets[chosen], spread=spread)
 
 
-def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     """Where every marker sits in the axes of every segment (M, J, 3), and how constantly (M, J); heights.
 
     None where no frame shows enough of the markers at `here`, which are the body's.

@@ -55,6 +55,14 @@ def test_of_sets_that_name_the_same_points_the_one_that_lacks_less_is_worn():
     assert names(without("body39", "LUPA", "RUPA", "LFRM", "RFRM")) == ["body39"]
 
 
+def test_of_a_set_that_one_person_taught_many_markers_may_be_taken_off():
+    own = next(model for model in KNOWN if model.markerset.name == "body39")
+    off = [side + name for side in "LR" for name in ("THI", "TIB", "UPA", "FRM", "FIN", "WRB")]
+    left = without("body39", *off)
+    assert names(left, [replace(own, likelihood=replace(own.likelihood, subjects=1))]) == ["body39"]
+    assert names(left, [own]) == []
+
+
 def test_a_set_that_would_be_refused_makes_another_unsure(monkeypatch):
     def refuse(frames, *given):
         if frames.model.markerset.name == "body39":

@@ -64,6 +64,14 @@ def test_a_heel_that_was_never_found_is_said_with_the_point_beside_it():
     assert missing.action == left.action == "name"
 
 
+def test_markers_that_were_never_found_are_one_line_which_one_answer_closes():
+    [both] = trouble(without("LHEE", "RHEE"))
+    assert both.reason == "LHEE, RHEE are never found" and both.stake == 2 * FRAMES
+    assert both.answer == "Not Worn" and [edit.names for edit in both.answers()] == [("LHEE",), ("RHEE",)]
+    over = trouble(without("LHEE", "RHEE"), edits=both.answers())
+    assert over and all(one.answered for one in over)
+
+
 def test_a_point_is_to_be_named_where_it_is_and_a_gap_that_was_filled_is_no_trouble():
     beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
     beside[60:] = np.nan

@@ -12,7 +12,7 @@ from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take.pairs import trained_pairs
 from addon.core.training.imagining import IMAGINING
-from addon.core.training.laying import laid_body, marker_sides
+from addon.core.training.laying import laid_body, lying_beside, marker_sides
 from addon.core.training.pipeline import TrainingOptions, person_in, train
 from addon.core.training.poses import known_poses
 from addon.core.training.takes import LabelledTake
@@ -74,6 +74,18 @@ def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
     assert faced_about is None or faced_about.off > 1.3 * turned.off
     scattered = np.random.default_rng(1).uniform(0, 1.7, (26, 3))
     assert laid_body(scattered, [(body, poses)], np.zeros(26, dtype=int)) is None
+
+
+def test_what_lies_on_the_floor_beside_the_feet_is_no_marker(known, take):
+    points, height = take[0], np.array([0.0, 0.0, 1.0])
+    low = points[:, 2].min() * height
+    ahead = points.mean(axis=0) * [1, 1, 0] + low + [[0.7, 0.0, 0.03], [-0.6, 0.2, 0.03]]
+    held = ahead[:1] + 1.2 * height
+    for call in (named, lambda index: open_markerset("body26").markers[index]):
+        names = (*map(call, range(len(points))), "ball", "block", "stick")
+        shown = np.concatenate([points, ahead, held])[None].repeat(3, 0)
+        take_of = LabelledTake("still", "she", names, shown)
+        assert lying_beside([take_of], names, known) == ("ball", "block")
 
 
 @pytest.mark.parametrize("worn", ["arms and legs", "legs"])
