@@ -300,6 +300,18 @@ def test_who_stands_still_beside_another_is_parted_by_the_place():
     assert wrong(found.body, truth) < 0.1 * len(truth)
 
 
+def test_whoever_sways_alike_is_on_one_body_however_near_another_is():
+    """An elbow is the hand's, and not another's hand beside it."""
+    places = np.array([[0.0, 0.0, 1.0], [0.3, 0.0, 1.2], [0.1, 0.0, 1.0]])
+    seconds = np.arange(500) / RATE
+    sway = 0.01 * np.sin(2 * np.pi * np.outer(seconds, [0.3, 0.3, 0.4]))
+    points = places + sway[..., None] * [1.0, 0.0, 0.0]
+    hold = Affinity.of(points, np.tile(np.arange(3), (500, 1)), RATE)
+    assert hold.of_tracklet(0)[0].tolist() == [1, 2]
+    still = Affinity.of(np.tile(places, (500, 1, 1)), np.tile(np.arange(3), (500, 1)), RATE)
+    assert still.of_tracklet(0)[0].tolist() == [2, 1]
+
+
 def walked(points: np.ndarray, way: np.ndarray) -> np.ndarray:
     """Points (T, 2 MARKERS, 3) m of two who go so far (T, 2, 2) m on the floor."""
     moved = points.copy()
