@@ -215,16 +215,20 @@ def _could_be(crowd: Crowd, one: NamedBody, some: np.ndarray) -> np.ndarray:
     tracklets = tracklets_of(crowd.take.xyz, own, unnamed, size)
     nobody = np.full(len(tracklets), NO_MARKER)
     odds = likeness(tracklets, placed, nobody, in_take(wide, placed), crowd.take.rate)
-    free = _free(tracklets, seen_in(placed))
+    free = lacking(tracklets, seen_in(placed))
     found = np.zeros(len(some), bool)
     found[np.unique(own[own >= 0])] = np.where(free, odds, -np.inf).max(axis=1) >= IDENTIFICATION.fitting
     return found
 
 
-def _free(tracklets: Tracklets, seen: np.ndarray) -> np.ndarray:
-    """(N, M) which markers are missing in some of the frames that are looked at of each tracklet, seen (T, M)."""
-    there = tracklets.frame >= 0
-    return (~seen[np.maximum(tracklets.frame, 0)] & there[..., None]).any(axis=1)
+def lacking(tracklets: Tracklets, seen: np.ndarray) -> np.ndarray:
+    """(N, M) which markers are missing in some of the frames that are looked at of each tracklet, seen (T, M).
+
+    Where most of them are: whoever is not there lacks nothing.
+    """
+    count, frame = seen.sum(axis=1), np.maximum(tracklets.frame, 0)
+    there = (tracklets.frame >= 0) & (2 * count >= max(usual_count(count), 1))[frame]
+    return (~seen[frame] & there[..., None]).any(axis=1)
 
 
 def certainty_of(solution: Solution, tracklet: np.ndarray, every: int) -> np.ndarray:

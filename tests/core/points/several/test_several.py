@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from addon.core.points.motion import motion_of
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.affinity import Affinity
-from addon.core.points.several.identification import UnidentifiedPresence, share
+from addon.core.points.several.identification import UnidentifiedPresence, lacking, share
 from addon.core.points.several.parting import NO_BODY, bodies_by_place, parted
 from addon.core.points.several.pipeline import is_prop, label_several
 from addon.core.points.several.together import FinerBodies
@@ -125,6 +126,13 @@ def test_whom_single_frames_are_not_sure_of_must_sit_as_the_set_has_them_once_al
     with pytest.raises(JobError, match="fewer than 2 subjects"):
         labelled(take, 2)
     assert shared, "nobody is judged before"
+
+
+def test_whoever_is_not_there_lacks_no_marker():
+    """Ghosts are offered to nobody who has left."""
+    seen = np.array([[True, True, True, False], [False, False, False, False]])
+    frames = SimpleNamespace(frame=np.array([[0, -1], [1, -1]]))
+    np.testing.assert_array_equal(lacking(frames, seen), [[False, False, False, True], [False] * 4])
 
 
 def test_people_of_two_models_who_are_as_like_one_as_the_other_cannot_be_told_apart(passing):
