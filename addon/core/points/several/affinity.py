@@ -25,12 +25,12 @@ class AffinityOptions:
     unknown      frames that the prior counts for, by which; measured on 20 kinds of meetings: 3 leaves 6 % of points
                  to several bodies and not 4, 12 puts 0.4 % more on the wrong one
     loose        a distance varies by this part of it; physical: a bent limb shortens distances across it by a quarter
-    known        frames that what was seen counts for at most where nothing moves more than skin does, and more as the
-                 square grows; physical: who stands still for two seconds shows no more by standing longer
+    known        physical: frames that what was seen counts for at most where nothing moves more than skin does, and
+                 more as the square grows: who stands still for two seconds shows no more by standing longer
     moved_m      measured: standard deviation of the places of two markers; where they move less, what their distance
-                 varies by counts as if they moved so far: who stands sways, and nobody sways alike. On 18 kinds of
-                 meetings of tests/accuracy/actors.py 0.1 has a third more points on the wrong body alone, and none
-                 twice as many; with 0.3 those of `touching` are twice as many
+                 varies by counts as if they moved so far: who stands sways, and nobody sways alike; on ten kinds of
+                 meetings of tests/accuracy/actors.py 0.1 has a sixth more points on the wrong body alone, and with 0.3
+                 those of `touching` are twice as many
     steady_m     that a distance on a body varies by; physical: skin moves so far over bone
     """
 
