@@ -28,9 +28,8 @@ class AffinityOptions:
     known        physical: frames that what was seen counts for at most where nothing moves more than skin does, and
                  more as the square grows: who stands still for two seconds shows no more by standing longer
     moved_m      measured: standard deviation of the places of two markers; where they move less, what their distance
-                 varies by counts as if they moved so far: who stands sways, and nobody sways alike; on ten kinds of
-                 meetings of tests/accuracy/actors.py 0.1 has a sixth more points on the wrong body alone, and with 0.3
-                 those of `touching` are twice as many
+                 varies by counts as if they moved so far: who stands sways, and nobody sways alike; with 0.2 two who
+                 walk beside each other in step for less than a second have a foot of the other
     steady_m     that a distance on a body varies by; physical: skin moves so far over bone
     """
 
@@ -38,7 +37,7 @@ class AffinityOptions:
     unknown: float = 6.0
     loose: float = 0.25
     known: float = 40.0
-    moved_m: float = 0.2
+    moved_m: float = 0.1
     steady_m: float = 0.02
 
 
