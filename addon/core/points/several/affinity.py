@@ -13,6 +13,7 @@ import numpy as np
 
 from ...data.lanes import blocks
 from ...data.made import Table
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 
 
@@ -24,10 +25,11 @@ class AffinityOptions:
     unknown      frames that the prior counts for, by which; measured on 20 kinds of meetings: 3 leaves 6 % of points
                  to several bodies and not 4, 12 puts 0.4 % more on the wrong one
     loose        a distance varies by this part of it; physical: a bent limb shortens distances across it by a quarter
-    known        frames that what was seen counts for at most where nothing moves; physical: who stands still for two
-                 seconds shows no more by standing longer
-    moved_m      measured: standard deviation of a marker's place from which on it counts for more, as its square grows;
-                 with 0.02 one more of the takes of `holding` of tests/accuracy/actors.py was refused
+    known        physical: frames that what was seen counts for at most where nothing moves more than skin does, and
+                 more as the square grows: who stands still for two seconds shows no more by standing longer
+    moved_m      measured: standard deviation of the places of two markers; where they move less, what their distance
+                 varies by counts as if they moved so far: who stands sways, and nobody sways alike; with 0.2 two who
+                 walk beside each other in step for less than a second have a foot of the other
     steady_m     that a distance on a body varies by; physical: skin moves so far over bone
     """
 
@@ -35,7 +37,7 @@ class AffinityOptions:
     unknown: float = 6.0
     loose: float = 0.25
     known: float = 40.0
-    moved_m: float = 0.01
+    moved_m: float = 0.1
     steady_m: float = 0.02
 
 
@@ -126,15 +128,18 @@ def _pairs(
     key, place = np.unique(key.astype(np.int64), return_inverse=True)
     number, total, squares = (np.bincount(place, values, len(key)) for values in (number, total, squares))
     mean = total / np.maximum(number, 1)
-    most = _counts_at_most(points, tracklet, frames, every)
-    counts = np.minimum(number, np.maximum(most[key // every], most[key % every]))
-    seen = np.maximum(squares - number * mean**2, 0) * (counts / np.maximum(number, 1))
-    varied = seen + AFFINITY.unknown * (AFFINITY.loose * mean) ** 2
-    return key // every, key % every, 1 / (varied / (counts + AFFINITY.unknown) + AFFINITY.steady_m**2)
+    one, other = np.divmod(key, every)
+    variance = _variances(points, tracklet, frames, every)
+    skin = MARKER_LIMITS.skin_m**2
+    moved = np.maximum(variance[one] + variance[other], skin)
+    counts = np.minimum(number, AFFINITY.known * moved / skin)
+    seen = np.maximum(squares / np.maximum(number, 1) - mean**2, 0) * np.maximum(AFFINITY.moved_m**2 / moved, 1)
+    varied = counts * seen + AFFINITY.unknown * (AFFINITY.loose * mean) ** 2
+    return one, other, 1 / (varied / (counts + AFFINITY.unknown) + AFFINITY.steady_m**2)
 
 
-def _counts_at_most(points: Table, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
-    """(N,) how many frames what a tracklet shows counts for at most, by how far it gets about."""
+def _variances(points: Table, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
+    """(N,) m², the variance of each tracklet's place, of all three axes together."""
     number, total, squares = np.zeros(every), np.zeros((every, 3)), np.zeros((every, 3))
     for part in blocks(len(frames), tracklet.shape[1]):
         own, places = tracklet[frames[part]], points[frames[part]]
@@ -145,8 +150,7 @@ def _counts_at_most(points: Table, tracklet: np.ndarray, frames: np.ndarray, eve
             total[:, axis] += np.bincount(own, places[:, axis], every)
             squares[:, axis] += np.bincount(own, places[:, axis] ** 2, every)
     mean = total / np.maximum(number, 1)[:, None]
-    variance = np.maximum(squares / np.maximum(number, 1)[:, None] - mean**2, 0).sum(axis=1)
-    return AFFINITY.known * np.maximum(variance / AFFINITY.moved_m**2, 1)
+    return np.maximum(squares / np.maximum(number, 1)[:, None] - mean**2, 0).sum(axis=1)
 
 
 def _windows(tracklet: np.ndarray, frames: np.ndarray) -> Iterator[np.ndarray]:

@@ -4,11 +4,11 @@
 A body is held against a subject's model, or another presence. Nor does a tracklet last over an absence of everybody:
 whose a presence is, is said by who else is there, as two who are there at a time are two; where that leaves more ways
 than one, each presence is named on its own, and the distances on it are compared with those of the first presences.
-Of a tracklet that may be on several, whoever is surer keeps it.
+Of a tracklet that may be on several, whoever is surer keeps it; its name is as sure as it is ahead of the other's.
 """
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 from typing import Any, Self
 
@@ -18,9 +18,11 @@ from ...data.lanes import blocks
 from ...data.physical import SIGMAS
 from ...data.takes import NO_MARKER, Labels, evenly_spread
 from ..models import Model
-from ..whole_take.likeness import likeness
-from ..whole_take.pairs import in_take, moments, trained_pairs, widened
-from ..whole_take.solving import ROUNDS, Solution
+from ..whole_take.deciding import least_margin
+from ..whole_take.likeness import NO_EVIDENCE, likeness
+from ..whole_take.matching import leads
+from ..whole_take.pairs import PairDistances, in_take, moments, trained_pairs, widened
+from ..whole_take.solving import MARGINS, ROUNDS, Solution
 from ..whole_take.tracklets import Tracklets, seen_in, tracklets_of
 from .bodies import Crowd, NamedBody
 from .parting import NO_BODY, usual_count
@@ -51,6 +53,7 @@ FRAMES_COMPARED = 300  # that are looked at, of all with two markers of somebody
 MIN_MET = 10  # frames in which two markers must be there for their distance to say anything
 MAX_OVERLAP = 0.1  # part of the shorter of two presences that may be one's: bodies are parted some frames off
 MAX_WAYS = 10_000  # that are tried; by time
+ONE_LOOK = np.inf  # frames a second: no tracklet is longer than a look
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +188,84 @@ def share(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> Generat
         wider = shared_out(may, certainty)
         if (wider == may).all():
             break
+    doubt_contested(people, crowd.options.target)
     return may
+
+
+@dataclass(frozen=True, eq=False)
+class _Named:
+    """What a solution of a body names: its tracklets (K,) in these rows of all, and what they are (K,)."""
+
+    body: NamedBody
+    solution: Solution
+    rows: np.ndarray
+    tracklets: Tracklets
+    marker: np.ndarray
+
+    @classmethod
+    def of(cls, body: NamedBody, solution: Solution) -> Self:
+        """That of all it names."""
+        rows = np.flatnonzero(solution.marker != NO_MARKER)
+        return cls(body, solution, rows, solution.tracklets.some(rows), solution.marker[rows])
+
+    @property
+    def size(self) -> int:
+        """How many markers its set has."""
+        return len(self.body.model.markerset)
+
+    def placed(self, known: np.ndarray) -> Any:
+        """(T, M, 3) m, where its markers are by those of its tracklets (K,) that are known."""
+        marker = self.solution.marker.copy()
+        marker[self.rows[~known]] = NO_MARKER
+        return self.solution.tracklets.placed(self.body.frames.take.xyz, marker, self.size)
+
+    def odds_on(self, other: Self, placed: Any, pairs: PairDistances) -> np.ndarray:
+        """(K, M) log odds in one look that each is a marker of another body, or of its own the one that it is.
+
+        The body's markers are placed (T, M, 3) m, and as far from each other as `pairs` say.
+        """
+        if other is self:
+            asked = self.marker[:, None] == np.arange(self.size)
+            return likeness(self.tracklets, placed, self.marker, pairs, ONE_LOOK, asked)
+        odds = likeness(self.tracklets, placed, np.full(len(self.rows), NO_MARKER), pairs, ONE_LOOK)
+        return np.where(odds == NO_EVIDENCE, -np.inf, odds)  # whoever is not there has none
+
+    def doubt(self, lead: np.ndarray):
+        """Makes the solution no surer of each than by how much its name is ahead (K,)."""
+        held = self.tracklets.held
+        said = np.isin(self.marker, held[held != NO_MARKER])
+        margin = self.solution.margin.copy()
+        margin[self.rows] = np.where(said, margin[self.rows], np.minimum(margin[self.rows], lead))
+        self.body.solution = replace(self.solution, margin=margin)
+
+
+def doubt_contested(people: Sequence[NamedBody], target: float):
+    """Makes solutions, in place, as sure of a name as it is ahead of the best in which another body has the tracklet.
+
+    What has been given to a body shows its distances, and bears itself out. So training alone says what is contested,
+    not sure enough that a part `target` of it is right, and how a body is built is then learned from all else. Whose
+    a marker is, is no question where a person has named it at any time.
+    """
+    named = [_Named.of(one, one.solution) for one in people if one.solution is not None]
+    if len(named) < 2:
+        return
+    trained = [_trained(one.body.model) for one in named]
+    lead = _leads(named, trained)
+    clear = [own >= least_margin(target) for own in lead]
+    known = [in_take(own, one.placed(sure)) for one, own, sure in zip(named, trained, clear, strict=True)]
+    for one, own, sure in zip(named, _leads(named, known), clear, strict=True):
+        one.doubt(np.where(sure, np.inf, own))
+
+
+def _leads(named: Sequence[_Named], pairs: Sequence[PairDistances]) -> list[np.ndarray]:
+    """(K,) log odds by which the names on each body are ahead, by what is known of the distances on each."""
+    placed = [one.placed(np.ones(len(one.rows), bool)) for one in named]
+    odds = np.block([[one.odds_on(*other) for other in zip(named, placed, pairs, strict=True)] for one in named])
+    before = np.cumsum([0, *(one.size for one in named)]).tolist()
+    marker = np.concatenate([one.marker + size for one, size in zip(named, before[:-1], strict=True)])
+    first, last = (np.concatenate([getattr(one.tracklets, end) for one in named]) for end in ("first", "last"))
+    lead = leads(odds, marker, first, last) * MARGINS.looks
+    return np.split(lead, np.cumsum([len(one.rows) for one in named])[:-1])
 
 
 def _offered(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> np.ndarray:
@@ -208,23 +288,31 @@ def _could_be(crowd: Crowd, one: NamedBody, some: np.ndarray) -> np.ndarray:
         return some
     solution, size = one.solution, len(one.model.markerset)
     placed: Any = solution.tracklets.placed(crowd.take.xyz, solution.marker, size)
-    freedom = ROUNDS.freedoms[-1]
-    wide = widened(trained_pairs(one.model), freedom.bend, freedom.motion_m, freedom.layout_m)
     own = crowd.tracklets_of(some)
     unnamed = Labels.none(*own.shape)
     tracklets = tracklets_of(crowd.take.xyz, own, unnamed, size)
     nobody = np.full(len(tracklets), NO_MARKER)
-    odds = likeness(tracklets, placed, nobody, in_take(wide, placed), crowd.take.rate)
-    free = _free(tracklets, seen_in(placed))
+    odds = likeness(tracklets, placed, nobody, in_take(_trained(one.model), placed), crowd.take.rate)
+    free = lacking(tracklets, seen_in(placed))
     found = np.zeros(len(some), bool)
     found[np.unique(own[own >= 0])] = np.where(free, odds, -np.inf).max(axis=1) >= IDENTIFICATION.fitting
     return found
 
 
-def _free(tracklets: Tracklets, seen: np.ndarray) -> np.ndarray:
-    """(N, M) which markers are missing in some of the frames that are looked at of each tracklet, seen (T, M)."""
-    there = tracklets.frame >= 0
-    return (~seen[np.maximum(tracklets.frame, 0)] & there[..., None]).any(axis=1)
+def _trained(model: Model) -> PairDistances:
+    """What training says of distances, of whoever moves and is built otherwise."""
+    freedom = ROUNDS.freedoms[-1]
+    return widened(trained_pairs(model), freedom.bend, freedom.motion_m, freedom.layout_m)
+
+
+def lacking(tracklets: Tracklets, seen: np.ndarray) -> np.ndarray:
+    """(N, M) which markers are missing in some of the frames that are looked at of each tracklet, seen (T, M).
+
+    Where most of them are: whoever is not there lacks nothing.
+    """
+    count, frame = seen.sum(axis=1), np.maximum(tracklets.frame, 0)
+    there = (tracklets.frame >= 0) & (2 * count >= max(usual_count(count), 1))[frame]
+    return (~seen[frame] & there[..., None]).any(axis=1)
 
 
 def certainty_of(solution: Solution, tracklet: np.ndarray, every: int) -> np.ndarray:

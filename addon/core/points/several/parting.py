@@ -141,7 +141,8 @@ def bodies_by_place(points: Table, tracklet: np.ndarray, frames: np.ndarray, eve
         _follow(points, tracklet, way.tolist(), centres, fewest, votes)
     clear = (votes > 0).sum(axis=1) == 1
     body[clear] = votes[clear].argmax(axis=1)
-    body[tracklet[frames[place], own]] = group
+    sure = _are_inside(flat, group, centres)
+    body[tracklet[frames[place], own][sure]] = group[sure]
     return body
 
 
@@ -168,12 +169,9 @@ def _follow(
                 return
             continue
         missed, centres = 0, _middles(flat, group, count)
-        between = _away(centres, centres)
-        np.fill_diagonal(between, np.inf)
-        if between.min() < MARKER_LIMITS.trunk_m:
+        if _between(centres).min() < MARKER_LIMITS.trunk_m:
             return
-        # Nearer to the own body's middle than half-way to the next.
-        sure = _leads(_away(flat, centres), group) >= between.min(axis=1)[group] / 2
+        sure = _are_inside(flat, group, centres)
         own, group = tracklet[frame, own][sure], group[sure]
         known = votes[own].any(axis=1)
         gone_over = known & (votes[own].argmax(axis=1) != group)
@@ -204,6 +202,18 @@ def grouped(points: Table, count: int) -> tuple[np.ndarray | None, float]:
     # The usual lead of a point's own group, where groups are of like size.
     usual = np.quantile(_leads(_away(flat, centres), group), 1 - options.outer)
     return group, float(usual * size.min() / size.max())
+
+
+def _between(centres: np.ndarray) -> np.ndarray:
+    """(K,) how far each of centres (K, 2) is from the next."""
+    between = _away(centres, centres)
+    np.fill_diagonal(between, np.inf)
+    return between.min(axis=1)
+
+
+def _are_inside(flat: np.ndarray, group: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """(P,) True for points (P, 2) nearer to the middle of their group (P,) than half-way to the next."""
+    return _leads(_away(flat, centres), group) >= _between(centres)[group] / 2
 
 
 def _leads(away: np.ndarray, group: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ from ..motion import (
 from ..whole_take.pipeline import PointOptions, Steps, decided_of, refuse_solved, solution_for, without_deleted
 from ..whole_take.rulings import Rulings
 from .bodies import Crowd, NamedBody, OnlyWhere
-from .identification import UnidentifiedPresence
+from .identification import UnidentifiedPresence, doubt_contested
 from .wearers import SetsWorn, Wearer
 
 
@@ -295,7 +295,7 @@ def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[tuple[Labe
     cells = cells_of_take(crowd.take, found.worn.by_name, len(found.worn))
     before = found.verdict.labels
     first = apply_edits(before, edits, cells)
-    verdicts = []
+    corrected = []
     for one, place in zip(found.found, found.worn.firsts, strict=True):
         size = len(one.subject.model.markerset)
         own = edited_of(first.edited, place, size)
@@ -303,26 +303,45 @@ def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[tuple[Labe
         others = (before.marker != NO_MARKER) & ((before.marker < place) | (before.marker >= place + size))
         may = one.may.copy()
         may[crowd.tracklet[others]] = False
-        verdicts.append((yield from _corrected(crowd, one.body, own, own_labels(before, place, size), may)))
-    again = joined(found.worn, verdicts)
+        corrected.append((yield from _Corrected.of(crowd, one.body, own, own_labels(before, place, size), may)))
+    doubt_contested([one.body for one in corrected], crowd.options.target)
+    again = joined(found.worn, [one.verdict(crowd.options.target) for one in corrected])
     unedited = first.edited.below(before, again.labels)
     applied = replace(apply_edits(unedited, edits, cells), outcomes=first.outcomes)
     return unedited, applied, Verdict(applied.labels, again.suspects)
 
 
-def _corrected(crowd: Crowd, one: NamedBody, edited: Edited, before: Labels, may: np.ndarray) -> Steps[Verdict]:
-    """What is said of one body (N,) once it has heard what the edits say of it."""
-    theirs = np.zeros(len(crowd) + 1, bool)
-    theirs[crowd.tracklet[edited.named]] = True
-    own = np.where(edited.deleted, -1, crowd.tracklets_of(may | theirs[:-1]))
-    rulings = Rulings(edited, before, own, one.solution)
-    frames = replace(one.frames, take=crowd.points_of(may | theirs[:-1]), tracklet=own)
-    frames = replace(frames, labels=OnlyWhere(one.frames.labels, own))
-    deleted = edited.deleted & (one.frames.tracklet >= 0)
-    ruled = rulings.applied_to((yield from without_deleted(frames, deleted)))
-    parted = rulings.parted()
-    solution = yield from solution_for(frames, ruled, parted, rulings)
-    return decided_of(frames, ruled, parted, solution, crowd.options.target)
+@dataclass(frozen=True, eq=False)
+class _Corrected:
+    """A body that has heard what edits say of it: what frames say now, and its tracklets (T, L), parted by them."""
+
+    body: NamedBody
+    rulings: Rulings
+    ruled: Labels
+    parted: np.ndarray
+
+    @classmethod
+    def of(cls, crowd: Crowd, one: NamedBody, edited: Edited, before: Labels, may: np.ndarray) -> Steps[Self]:
+        """That of a body which may have tracklets (N,), with its labels before."""
+        theirs = np.zeros(len(crowd) + 1, bool)
+        theirs[crowd.tracklet[edited.named]] = True
+        own = np.where(edited.deleted, -1, crowd.tracklets_of(may | theirs[:-1]))
+        rulings = Rulings(edited, before, own, one.solution)
+        frames = replace(one.frames, take=crowd.points_of(may | theirs[:-1]), tracklet=own)
+        frames = replace(frames, labels=OnlyWhere(one.frames.labels, own))
+        deleted = edited.deleted & (one.frames.tracklet >= 0)
+        ruled = rulings.applied_to((yield from without_deleted(frames, deleted)))
+        parted = rulings.parted()
+        solution = yield from solution_for(frames, ruled, parted, rulings)
+        return cls(NamedBody(one.model, frames, solution, one.sure), rulings, ruled, parted)
+
+    def verdict(self, target: float) -> Verdict:
+        """What is said of it, where no edit makes another name less sure."""
+        solution = self.body.solution
+        if solution is not None:
+            margin = self.rulings.sure(solution.tracklets, solution.marker, solution.margin)
+            solution = replace(solution, margin=margin)
+        return decided_of(self.body.frames, self.ruled, self.parted, solution, target)
 
 
 def edited_of(edited: Edited, first: int, size: int) -> Edited:

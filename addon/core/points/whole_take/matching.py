@@ -243,3 +243,18 @@ def margins(odds: np.ndarray, marker: np.ndarray, first: np.ndarray, last: np.nd
     found = np.zeros(len(odds))
     found[index] = own[index] - np.maximum(free[index], rest[index].max(axis=1, initial=-np.inf))
     return found
+
+
+def leads(odds: np.ndarray, marker: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """(N,) by how much the names (N,), which all have, are ahead of the best in which a tracklet has another instead.
+
+    While others have that, they take its own in exchange: each counts by the part of its time that it is there.
+    """
+    every, end = np.arange(len(odds)), _ends(first, last)
+    own, rest = odds[every, marker], odds.copy()
+    one, other = _meeting(first, end)
+    both = np.minimum(end[one], end[other]) - np.maximum(first[one], first[other]) + 1
+    part = both / (end - first + 1)[one]
+    np.add.at(rest, (one, marker[other]), (odds[other, marker[one]] - own[other]) * part)
+    rest[every, marker] = -np.inf
+    return own - rest.max(axis=1, initial=-np.inf)

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,12 +18,15 @@ from addon.core.points.motion import motion_of
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.affinity import Affinity
-from addon.core.points.several.identification import UnidentifiedPresence, share
+from addon.core.points.several.identification import UnidentifiedPresence, doubt_contested, lacking, share
 from addon.core.points.several.parting import NO_BODY, bodies_by_place, parted
 from addon.core.points.several.pipeline import is_prop, label_several
 from addon.core.points.several.together import FinerBodies
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer, kinds
+from addon.core.points.whole_take.deciding import least_margin
 from addon.core.points.whole_take.pipeline import PointOptions
+from addon.core.points.whole_take.solving import Solution
+from addon.core.points.whole_take.tracklets import tracklets_of
 from addon.core.posing.finer import finer
 from addon.core.simulation.virtual import Act, draw_person
 from addon.core.training.pipeline import TrainingOptions, train
@@ -125,6 +129,49 @@ def test_whom_single_frames_are_not_sure_of_must_sit_as_the_set_has_them_once_al
     with pytest.raises(JobError, match="fewer than 2 subjects"):
         labelled(take, 2)
     assert shared, "nobody is judged before"
+
+
+def test_whoever_is_not_there_lacks_no_marker():
+    """Ghosts are offered to nobody who has left."""
+    seen = np.array([[True, True, True, False], [False, False, False, False]])
+    frames = SimpleNamespace(frame=np.array([[0, -1], [1, -1]]))
+    np.testing.assert_array_equal(lacking(frames, seen), [[False, False, False, True], [False] * 4])
+
+
+def sure_of_all(xyz: np.ndarray, parts: int = 1) -> bodies.NamedBody:
+    """A body with markers at xyz (T, 15, 3) m in so many tracklets each, and a solution that is sure of all of them."""
+    model, number = open_model("gait15"), np.arange(15 * parts)
+    tracklet = np.repeat(number.reshape(parts, 15), len(xyz) // parts, axis=0)
+    tracklets = tracklets_of(xyz, tracklet, Labels.none(*tracklet.shape), 15)
+    marker = number % 15
+    solution = Solution(tracklets, marker, marker, 0, np.full(len(number), 40.0), (), marker, ())
+    return bodies.NamedBody(model, SimpleNamespace(take=anonymous(xyz)), solution)
+
+
+def test_no_solution_is_surer_of_a_name_than_it_is_ahead_of_another_body_with_it():
+    one, near, far = (sure_of_all(person(1, 1, lane)) for lane in (0.0, 0.02, 5.0))
+    doubt_contested([one, far], 0.99)
+    assert (one.solution.margin == 40).all()
+    doubt_contested([one, near], 0.99)
+    assert (one.solution.margin < least_margin(0.99)).all()
+    assert (near.solution.margin < least_margin(0.99)).all()
+    person_said = sure_of_all(person(1, 1, 0.0))
+    person_said.solution.tracklets.held[3] = 3
+    doubt_contested([person_said, near], 0.99)
+    assert np.flatnonzero(person_said.solution.margin == 40).tolist() == [3]
+
+
+def test_what_nobody_contests_shows_how_a_body_is_built():
+    """An ankle sits where another's may, and is known by where it sat before the other came beside."""
+    one = person(1, 1, 0.0)
+    beside = one + np.array([0.35, 0.0, 0.0])
+    ankle = open_model("gait15").markerset.index("LANK")
+    one[:, ankle] += [0.2, 0.0, 0.0]
+    late = beside + np.where(np.arange(FRAMES)[:, None, None] < FRAMES // 2, [0.0, 5.0, 0.0], 0.0)
+    for there, sure in ((beside, False), (late, True)):
+        body = sure_of_all(one, 2)
+        doubt_contested([body, sure_of_all(there, 2)], 0.99)
+        assert (body.solution.margin[15 + ankle] >= least_margin(0.99)) == sure
 
 
 def test_people_of_two_models_who_are_as_like_one_as_the_other_cannot_be_told_apart(passing):
@@ -298,6 +345,18 @@ def test_who_stands_still_beside_another_is_parted_by_the_place():
     points, tracklet, truth = standing(1.0, 60.0)
     found = parted(points, tracklet, Affinity.of(points, tracklet, RATE), 2, MARKERS)
     assert wrong(found.body, truth) < 0.1 * len(truth)
+
+
+def test_whoever_sways_alike_is_on_one_body_however_near_another_is():
+    """An elbow is the hand's, and not another's hand beside it."""
+    places = np.array([[0.0, 0.0, 1.0], [0.3, 0.0, 1.2], [0.1, 0.0, 1.0]])
+    seconds = np.arange(500) / RATE
+    sway = 0.01 * np.sin(2 * np.pi * np.outer(seconds, [0.3, 0.3, 0.4]))
+    points = places + sway[..., None] * [1.0, 0.0, 0.0]
+    hold = Affinity.of(points, np.tile(np.arange(3), (500, 1)), RATE)
+    assert hold.of_tracklet(0)[0].tolist() == [1, 2]
+    still = Affinity.of(np.tile(places, (500, 1, 1)), np.tile(np.arange(3), (500, 1)), RATE)
+    assert still.of_tracklet(0)[0].tolist() == [2, 1]
 
 
 def walked(points: np.ndarray, way: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Points
 from addon.core.edits.kinds import AssignPoint, Edits
 from addon.core.points.tracklets import VOTE
-from addon.core.points.whole_take.matching import margins, matched
+from addon.core.points.whole_take.matching import leads, margins, matched
 from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
@@ -81,6 +81,20 @@ def test_how_unlikely_a_ghost_is_changes_no_name_and_no_margin(seed):
     marker = matched(odds, first, last)
     assert (marker == matched(other, first, last)).all()
     np.testing.assert_array_equal(margins(odds, marker, first, last), margins(other, marker, first, last))
+
+
+def test_whoever_gives_up_a_name_must_take_the_other_in_exchange():
+    first, last, marker = np.zeros(2, int), np.full(2, 99), np.array([0, 1])
+    odds = np.array([[5.0, 4.0], [3.0, 4.0]])
+    np.testing.assert_allclose(leads(odds, marker, first, last), [2.0, 2.0])
+    odds = np.array([[5.0, -20.0], [-20.0, -9.0]])  # a name that hardly fits is better than the other
+    np.testing.assert_allclose(leads(odds, marker, first, last), [36.0, 36.0])
+
+
+def test_an_exchange_counts_for_the_part_of_the_time_that_the_other_is_there():
+    first, last, marker = np.array([0, 0]), np.array([99, 49]) + VOTE.max_overlap_frames, np.array([0, 1])
+    odds = np.array([[5.0, 1.0], [6.0, 4.0]])
+    np.testing.assert_allclose(leads(odds, marker, first, last), [3.0, 2.0])
 
 
 FRAMES, RATE = 240, 120.0
