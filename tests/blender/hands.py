@@ -115,7 +115,7 @@ def rows_of_export(path) -> list[list[str]]:
 
 
 def call(operator: str, *how: str | bool, **given) -> set[str]:
-    """What an operator of ours comes to, as a button calls it; paths of files are given as they are."""
+    """What an operator of ours comes to, as a script calls it; paths of files are given as they are."""
     given = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
     return getattr(bpy.ops.mocap_autolabel, operator)(*how, **given)
 
@@ -125,14 +125,14 @@ def press(operator: str, *how: str | bool, **given):
     assert call(operator, *how, **given) == {"FINISHED"}
 
 
-def refused(words: str, operator: str, *how: str, **given):
+def refused(words: str, operator: str, *how: str | bool, **given):
     """Asserts that an operator of ours ends with an error that says that."""
     with pytest.raises(RuntimeError, match=words):
         call(operator, *how, **given)
 
 
 def out_of_another_file(path: Path, name: str, link: bool = True) -> bpy.types.Collection:
-    """Saves the file, begins a new one, and brings a take into its scene, linked or appended."""
+    """Saves the file, begins a new one, and brings a take into it, linked or appended; no scene has it yet."""
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     bpy.ops.wm.read_homefile(use_empty=True)
     with bpy.data.libraries.load(str(path), link=link) as (_, wanted):

@@ -340,7 +340,7 @@ def test_the_status_bar_of_a_workspace_that_was_left_meanwhile_says_no_more_of_i
     monkeypatch.setattr(
         bpy.types.WorkSpace, "status_text_set", lambda _, words: said.update({bpy.context.workspace.name: words})
     )
-    window.operator._begin(window.context)
+    assert window.operator._begin(window.context) == {"RUNNING_MODAL"}
     window.operator._end(window.context)
     assert said == dict.fromkeys(bpy.data.workspaces.keys())
 
@@ -358,7 +358,7 @@ def test_disabled_while_it_works_the_extension_leaves_nothing_of_it(extension, l
 def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, window):
     operator, context = window.operator, window.context
     operator.markerset, before = "body39", ready.scene.mocap_autolabel.subjects.markerset
-    operator._begin(context)
+    assert operator._begin(context) == {"RUNNING_MODAL"}
     for other in (escape(value="RELEASE"), escape(x=1000), escape(is_repeat=True)):
         assert operator.modal(context, other) == {"PASS_THROUGH"}, other
     context.window.screen = screen(playing=True)
@@ -404,7 +404,7 @@ def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labellin
 
 def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, window):
     operator, context = window.operator, window.context
-    operator._begin(context)
+    assert operator._begin(context) == {"RUNNING_MODAL"}
     before, ticks = counts(), []
 
     def untouched() -> bool:
@@ -422,7 +422,7 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
 
 
 def test_what_is_opened_while_a_take_is_labelled_is_seen_once_that_is_shown(ready, labelling, window):
-    window.operator._begin(window.context)
+    assert window.operator._begin(window.context) == {"RUNNING_MODAL"}
     window.manager.mocap_autolabel.unfolded, ready.scene.mocap_autolabel.source.blobs_path = False, "another.csv"
     assert window.operator.run(window.context) == {"FINISHED"}
     assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
@@ -438,7 +438,7 @@ def test_what_was_asked_for_in_a_scene_is_shown_there_once_that_is_seen(ready, l
         return "%" in state.doing
 
     asked, other = ready.scene, bpy.data.scenes.new("Other")
-    operator._begin(context)
+    assert operator._begin(context) == {"RUNNING_MODAL"}
     context.scene = other
     assert operator.run(context, going_on) == {"RUNNING_MODAL"}
     assert state.doing == "Labelling: done, to be shown in Scene"
@@ -458,7 +458,7 @@ def test_what_was_asked_for_in_a_scene_is_shown_there_once_that_is_seen(ready, l
 
 def test_what_was_asked_for_in_a_scene_that_is_gone_is_one_sentence(ready, labelling, in_fives, window):
     operator, context = window.operator, window.context
-    operator._begin(context)
+    assert operator._begin(context) == {"RUNNING_MODAL"}
     context.scene = bpy.data.scenes.new("Other")
     bpy.data.scenes.remove(ready.scene)
     assert operator.run(context) == {"CANCELLED"}
@@ -474,7 +474,7 @@ def test_what_is_in_a_file_needs_no_scene_and_nobody_waits_for_a_look(ready, lab
     kind, operator, context = getattr(ours(f"ops.{module}"), kind), window.operator, window.context
     operator.of_scene, operator.waits, shown = kind.of_scene, kind.waits, []
     operator._show = lambda context, _: shown.append(context.scene)
-    operator._begin(context)
+    assert operator._begin(context) == {"RUNNING_MODAL"}
     context.scene, written = bpy.data.scenes.new("Other"), module != "labelling"
     if gone:
         bpy.data.scenes.remove(ready.scene)
@@ -520,7 +520,7 @@ def test_trouble_on_the_way_gives_everything_back(files, labelling, window, monk
 
     monkeypatch.setattr(labelling.pipeline, "label_take", label_take)
     operator, context = window.operator, window.context
-    operator._begin(context)
+    assert operator._begin(context) == {"RUNNING_MODAL"}
     before = counts()
     assert operator.run(context) == {"CANCELLED"}
     assert operator.reports == [("ERROR", f"{files.blobs}: nobody is here; expected a person")]

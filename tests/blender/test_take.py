@@ -238,7 +238,7 @@ def test_rows_that_follow_edits_are_those_made_anew(rows, labelled):
     for operator in ("unlabel", "no_marker", "is_right", "clear_corrections"):
         before = kept.runs(stored_take(), False)
         if operator != "clear_corrections":
-            getattr(bpy.ops.mocap_autolabel, operator)(scope="ON" if operator == "is_right" else "FRAME")
+            press(operator, scope="ON" if operator == "is_right" else "FRAME")
             scene.frame_set(scene.frame_current + 3)
         else:
             press("clear_corrections")

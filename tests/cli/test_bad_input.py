@@ -76,7 +76,7 @@ REFUSED = {
         "models extra": "there is no marker set extra; expected actor41, actor53, body26, body39, gait15 or the path",
         "simulate take.c3d": "the following arguments are required: --out, --cameras",
         "reconstruct walk.csv --cameras room.toml --out a.c3d --up w": "argument --up: invalid choice: 'w'",
-        "label x.c3d --model helen_hayes --out b": "the model that train --set helen_hayes --out helen_hayes.m",
+        "label x.c3d --model helen_hayes --out b": "train --set helen_hayes --out helen_hayes.markerset.json",
     },
     "label": {
         "": "the following arguments are required: INPUT, --out; expected arguments as mocap-autolabel label --help",
@@ -103,7 +103,7 @@ REFUSED = {
         "": "nothing says what is worn; expected --model MODEL or auto, or --subject NAME=MODEL for each subject",
         " --model auto --models nowhere": "nowhere: is no folder; expected the one of your own marker sets",
         " --model body26 --models .": "--models is of --model auto; expected both of them or neither",
-        " --model auto --subjects 2": "auto finds what one subject wears; expected --model MODEL beside --subjects",
+        " --model auto --subjects 2": "--model auto finds what one subject wears; expected --model MODEL beside",
         " --model gait15 --subjects 0": "'0' is no number of subjects",
         " --model gait15 --subjects many": "'many' is no number of subjects",
         " --model gait15 --subjects 2 --method fit": "several subjects need a model",

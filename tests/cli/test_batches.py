@@ -96,7 +96,7 @@ def test_files_that_are_no_takes_do_not_stop_the_others_and_processes_are_shared
     ):
         assert reason in answer.err
     said = json.loads(answer.out)
-    assert answer.status == 2 and {take["take"] for take in said["takes"]} == {"one", "three", "take"}
+    assert answer.refusal(2) and {take["take"] for take in said["takes"]} == {"one", "three", "take"}
     assert {(take["take"], take["status"]) for take in said["failed"]} == {
         (name, 2) for name in ("two", "text", "none", "gone")
     }

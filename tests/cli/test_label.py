@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`label`: the files, the options, several takes, and takes that a model is not for."""
+"""`label`: the files, the options, and takes that a model is not for."""
 
 import csv
 import json

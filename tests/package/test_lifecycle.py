@@ -71,9 +71,6 @@ def test_enabling_again_restores_all_of_it_an_update_replaces_it_and_uninstallin
     assert not any("mocap" in name for name in life["files left"])
 
 
-pytestmark = pytest.mark.real_blender
-
-
 @pytest.fixture(scope="module")
 def command(blender_program, make_zip, tmp_path_factory):
     """Runs a command of the installed extension; the extension goes away again through Blender's own command line."""
@@ -92,6 +89,7 @@ def results(done):
     return json.loads(done.stdout[done.stdout.index("{") : done.stdout.rindex("}") + 1])
 
 
+@pytest.mark.real_blender
 def test_label_names_a_take_and_evaluate_agrees(command, virtual_take, tmp_path):
     blobs, cameras = virtual_take / "take.csv", virtual_take / "cameras.toml"
     done = command("label", str(blobs), "--model", "body26", "--cameras", str(cameras), "--out", str(tmp_path))
@@ -106,6 +104,7 @@ def test_label_names_a_take_and_evaluate_agrees(command, virtual_take, tmp_path)
     assert results(done)["f1"] > 0.97
 
 
+@pytest.mark.real_blender
 def test_takes_of_a_batch_share_blenders(command, virtual_take, tmp_path):
     takes = [shutil.copy(virtual_take / "take.csv", tmp_path / f"{name}.csv") for name in ("one", "two", "three")]
     few = ("--frames", "1:4", "--jobs", "2", "--json")
@@ -119,6 +118,7 @@ def test_takes_of_a_batch_share_blenders(command, virtual_take, tmp_path):
     assert len({report["unlabelled"] for report in reports}) == 1
 
 
+@pytest.mark.real_blender
 def test_bad_input_ends_with_one_sentence_and_status_2(command, virtual_take, tmp_path):
     broken = tmp_path / "broken.csv"
     broken.write_text("frame,camera,x,y\n1,nowhere,10,20\n")

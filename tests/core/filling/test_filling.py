@@ -320,7 +320,7 @@ def seen_by(camera: int, xyz: np.ndarray, frames: np.ndarray) -> tuple[Blobs, La
 
 
 def rays_at(xyz: np.ndarray) -> MarkerRays:
-    """Those of a marker that is in its gap where a path has it, for one camera."""
+    """The rays of a marker that is in its gap where a path has it, for one camera."""
     missing = np.zeros((SHOT, 2), bool)
     missing[GAP.start : GAP.stop, 0] = True
     return rays_of(*seen_by(1, xyz, GAP.frames), CAMERAS, missing)
