@@ -120,7 +120,8 @@ class LayoutOdds:
 def two_at_once(orders: np.ndarray, first: int) -> np.ndarray:
     """(K, S) orders, and any two of the first at once that move no slot both, such as a plate turned round.
 
-    Without them stairs in plates have 3 % more of their names wrong.
+    Without them stairs in plates have 3 % more of their names wrong, and half a second of a walk in pieces is taken for
+    another set.
     """
     some = orders[:first]
     moved = some != np.arange(orders.shape[1])

@@ -19,7 +19,7 @@ from ..likelihood.naming import Settled, name_odds, score_of, settle
 from ..likelihood.solving import alternatives, own_odds
 from ..refusals import REFUSAL
 from ..tracklets import VOTE
-from .layout_odds import LayoutOdds
+from .layout_odds import LayoutOdds, two_at_once
 from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import (
@@ -349,7 +349,8 @@ class Search:
         if not len(doubted):
             return
         orders = slots.layout.chains(doubted, SEARCH.width, SEARCH.links)
-        for order in np.concatenate([orders[: SEARCH.chains], self._by_gain(orders)[: SEARCH.width]]):
+        by_shape = two_at_once(self._by_gain(orders), SEARCH.width)
+        for order in np.concatenate([orders[: SEARCH.chains], self._by_gain(by_shape)[: SEARCH.width]]):
             called = np.empty_like(order)
             called[order] = np.arange(len(order))
             yield self._exchanged(called, slots)
