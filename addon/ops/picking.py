@@ -21,7 +21,7 @@ from ..scene.opened import opened
 from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
 from ..scene.roots import placed
 from ..scene.stored import Stored
-from ..scene.take import holds_points, is_take
+from ..scene.take import holds_points, is_hidden, is_take
 from .base import OfTake, PicksOfTake, once, reports_trouble, taken
 from .gestures import Drags, gesture, place_in, window_region
 from .listing import lists_follow
@@ -141,10 +141,12 @@ def take_to_view(context: bpy.types.Context, stored: Stored, area: bpy.types.Are
 
 
 def dots_in_view(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> tuple[Dots, np.ndarray]:
-    """The dots of the current frame, and (K, 2) where they are in a 3D view, px of its region."""
+    """The dots of the current frame, and (K, 2) where they are in a 3D view, px of its region; NaN where unseen."""
     dots, region = dots_here(stored, context.scene, area), window_region(area)
     perspective = np.array(area.spaces.active.region_3d.perspective_matrix) @ take_to_view(context, stored, area)
-    return dots, to_region(dots.xyz, perspective, (region.width, region.height))
+    places = to_region(dots.xyz, perspective, (region.width, region.height))
+    hidden = is_hidden(context.scene.mocap_autolabel.take, context.view_layer)
+    return dots, np.full_like(places, np.nan) if hidden else places
 
 
 def dot_at(context: bpy.types.Context, stored: Stored, area: bpy.types.Area, mouse) -> tuple[Dots, int | None]:

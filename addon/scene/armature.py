@@ -103,16 +103,19 @@ def armature_of(collection: bpy.types.Collection) -> bpy.types.Object:
 def edited_bones(context: bpy.types.Context, armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
     """The bones of an armature to be changed, from object mode; what is active stays so."""
     layer, place = context.view_layer, context.scene.collection.objects
-    lent = armature.name not in place  # its own collection may be excluded from the view layer
+    lent = context.scene.collection not in armature.users_collection  # its own may be excluded from the view layer
     if lent:
         place.link(armature)
     before, layer.objects.active = layer.objects.active, armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    yield armature.data.edit_bones
-    bpy.ops.object.mode_set(mode="OBJECT")
-    layer.objects.active = before
-    if lent:
-        place.unlink(armature)
+    try:
+        bpy.ops.object.mode_set(mode="EDIT")
+        yield armature.data.edit_bones
+    finally:
+        if armature.mode == "EDIT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        layer.objects.active = before
+        if lent:
+            place.unlink(armature)
 
 
 def lay_bones(context: bpy.types.Context, armature: bpy.types.Object, markerset: MarkerSet, build: Build):

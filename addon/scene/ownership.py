@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whose a thing in the scene is: the add-on's is what it made and nobody changed since, all else is a person's.
 
-What is made is signed with what it is in its take and how it was made. A copy has another name, so it is a person's,
-but where all of a take was copied with its scene.
+What is made is signed with what it is in its take and how it was made. A copy has another name, so it is a person's.
 """
 
-import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,7 +20,6 @@ MADE = "mocap_made"  # on what the add-on made: how it was made, and what it is 
 KEYED = "mocap_keyed"  # on an action: digests of the keys that the add-on made, by slot and curve
 LINEAR = 1  # format: the value of BEZT_IPO_LIN behind Keyframe.interpolation, which all keys have that the add-on makes
 TURNS_AND_SIZE = "rotation_quaternion", "rotation_euler", "scale"
-NAME_NUMBER = re.compile(r"\.\d{3,}'")  # behind a name that was taken, as `repr` writes it
 WITHOUT_NAMES = "unnamed"  # what the object of the points without names is in its take
 
 
@@ -135,7 +132,6 @@ def set_aside(collection: bpy.types.Collection, but: Iterable[bpy.types.Object] 
     `but` is a person's for another reason. The take's root stays. The keys of what goes are gone at once, and its names
     are free.
     """
-    _sign_copies(collection)
     made = [one for one in collection.all_objects if is_made_for(one, collection) and naming.TAKE_ROOT not in one]
     kept = set(but)
     going = [item for item in made if item not in kept and is_untouched(item)]
@@ -151,18 +147,6 @@ def set_aside(collection: bpy.types.Collection, but: Iterable[bpy.types.Object] 
             item.data.name = item.name
     _drop_keys(going)
     return former
-
-
-def _sign_copies(collection: bpy.types.Collection):
-    """Signs what a copy of a whole take, as a copy of its scene has one, holds as the take itself does."""
-    origin = bpy.data.collections.get(role_of(collection))
-    if origin in (None, collection) or is_untouched(collection):
-        return
-    signed = {role_of(one): one for one in (*made_places(origin), *origin.all_objects) if is_untouched(one)}
-    for one in (*made_places(collection), *collection.all_objects):
-        twin = signed.get(role_of(one))
-        if twin is not None and _state(one, numbered=False) == _state(twin, numbered=False):
-            sign(one, role_of(one))
 
 
 def made_places(collection: bpy.types.Collection) -> list[bpy.types.Collection]:
@@ -250,11 +234,10 @@ def _drop_keys(items: Iterable[bpy.types.Object]):
         remove_or_keep(action)
 
 
-def _state(block: bpy.types.ID, numbered: bool = True) -> str:
+def _state(block: bpy.types.ID) -> str:
     """What tells whether a person changed something: its name, what it is made of, what was added to it, its curves.
 
-    Not what Blender changes as it plays, what only says how a thing is shown, nor the colours that the panels choose;
-    not `numbered`, nor the numbers of names.
+    Not what Blender changes as it plays, what only says how a thing is shown, nor the colours that the panels choose.
     """
     content: list = _of_any(block)
     arrays: list[np.ndarray] = []
@@ -279,8 +262,7 @@ def _state(block: bpy.types.ID, numbered: bool = True) -> str:
             content += [one.type for one in curve.modifiers]
     if isinstance(block, bpy.types.Material) and block.node_tree is not None:
         content += [(node.bl_idname, node.name) for node in block.node_tree.nodes]
-    text = repr(content) if numbered else NAME_NUMBER.sub("'", repr(content))
-    digest = crc32(text.encode("utf-8", "surrogatepass"))
+    digest = crc32(repr(content).encode("utf-8", "surrogatepass"))
     for array in arrays:
         digest = crc32(array.tobytes(), digest)
     return str(digest)

@@ -21,7 +21,7 @@ from .ownership import Former, put_in_place
 from .performers import colours_in
 from .stored import Stored
 from .take import SOURCE, Take, clear_take, is_linked, leave_out, show_take, takes_of
-from .timing import follow_rate, kept_clock
+from .timing import follow_rate, is_timed_otherwise, kept_clock
 
 CHANGES = "mocap_changes"
 MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
@@ -36,8 +36,11 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     frames that the scene plays unless all of the take was labelled for the first time (`whole`).
     """
     scene = context.scene
-    played = scene.frame_start, scene.frame_end, scene.frame_float
     others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
+    late = [one for one in takes_of(scene) if is_timed_otherwise(scene, one)]
+    if late and set(late) <= set(others):  # the scene's rate was changed since: what moves by the take goes along
+        follow_rate(scene)
+    played = scene.frame_start, scene.frame_end, scene.frame_float
     found: tuple[Change, ...] | None = None
     lay, place, former, clock = None, None, Former({}, []), TakeClock()
     new = LabelledRange(take.rows, take.labels, take.motion, take.suspects, take.unedited)
@@ -72,10 +75,6 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     if lay is not None or not whole:
         now = clock if lay is None else kept_clock(shown, clock.first)
         moment = played[2] if now == clock else now.shown(clock.at(played[2]))
-        if now.step != clock.step:  # the scene's rate was changed since: what moves by the take goes along
-            follow_rate(scene)
-            *played, first, last = (now.whole(clock.at(one)) for one in (*played[:2], *lay))
-            (scene.frame_start, scene.frame_end), lay = played, (first, last)
         _keep_playing(scene, (*played[:2], moment), lay)
     return shown
 

@@ -2,7 +2,7 @@
 """A labelled take as a whole: gathered from the labelling, shown in a scene, kept in the file and read back."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
 from typing import Any, Self
 
@@ -277,15 +277,18 @@ def leave_out(collection: bpy.types.Collection, scene: bpy.types.Scene):
 
 def is_hidden(collection: bpy.types.Collection, view_layer: bpy.types.ViewLayer) -> bool:
     """Whether a person hid a take that is in a view layer, as by its eye or its tick in the Outliner."""
-    layers = _layers_of(collection, view_layer)
-    return bool(layers) and not any(layer.visible_get() for layer in layers)
+    seen = [layer.visible_get() for layer in _layers_of(collection, view_layer)]
+    return bool(seen) and not any(seen)
 
 
-def _layers_of(collection: bpy.types.Collection, view_layer: bpy.types.ViewLayer) -> list[bpy.types.LayerCollection]:
+def _layers_of(
+    collection: bpy.types.Collection, view_layer: bpy.types.ViewLayer
+) -> Iterator[bpy.types.LayerCollection]:
     layers = [view_layer.layer_collection]
     for layer in layers:
+        if layer.collection == collection:
+            yield layer
         layers += layer.children
-    return [layer for layer in layers if layer.collection == collection]
 
 
 def clear_take(collection: bpy.types.Collection, but: Sequence[bpy.types.Object] = ()) -> ownership.Former:

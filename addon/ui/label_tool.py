@@ -19,7 +19,7 @@ from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.picking import NEAREST, Dots, dots_of, path_of
 from ..scene.stored import Stored
-from ..scene.take import is_take
+from ..scene.take import is_hidden, is_take
 from .marks import ORANGE, WHITE
 from .overlay import BLOB_RADIUS, Canvas
 from .parts import draw_operators
@@ -199,7 +199,7 @@ def draw():
     context = bpy.context
     scene = context.scene
     collection, space = scene.mocap_autolabel.take, context.space_data
-    if not space.overlay.show_overlays or not is_take(collection):
+    if not space.overlay.show_overlays or not is_take(collection) or is_hidden(collection, context.view_layer):
         return
     stored = opened.take(collection, scene)
     index = stored.index_of(scene.frame_float)

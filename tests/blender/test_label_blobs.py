@@ -227,9 +227,14 @@ def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extensi
         ]
     )
     np.testing.assert_allclose(places, np.column_stack([x, size[1] - y]), atol=0.1)
-    context = SimpleNamespace(scene=scene, preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)))
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    context = SimpleNamespace(scene=scene, view_layer=labelled.view_layer, preferences=preferences)
     assert [module.dot_at(context, stored, area, place + 0.4)[1] for place in places] == list(range(len(places)))
     assert module.dot_at(context, stored, area, (-50, -50))[1] is None
+    labelled.view_layer.layer_collection.children[scene.mocap_autolabel.take.name].exclude = True
+    assert {module.dot_at(context, stored, area, place)[1] for place in places} == {None}, (
+        "who sees it not picks it not"
+    )
 
 
 def test_markers_of_blobs_are_placed_and_answered(labelled, files):

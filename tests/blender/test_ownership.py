@@ -209,21 +209,6 @@ def test_a_copy_of_what_was_made_is_who_copied_its(duet, over):
     assert all(len(bpy.data.objects[name].data.vertices) for name in names[2:])
 
 
-def test_a_take_that_was_copied_with_its_scene_is_labelled_and_removed_as_the_take_is(duet):
-    before = sorted(item.name for item in duet.collection.all_objects)
-    bpy.ops.scene.new(type="FULL_COPY")
-    [copy] = takes.takes_of(bpy.context.scene)
-    [changed] = [item for item in copy.all_objects if item.get(naming.MARKER) == "bob:LKNE"]
-    changed.scale = (2, 2, 2)
-    again = show_again(bpy.context, replace(duet.take, source=copy[takes.SOURCE]), whole=True)
-    assert again == copy
-    assert len(again.all_objects) == len(before) + 1
-    left = takes.remove_take(copy, bpy.context.scene)
-    assert left.all_objects.values() == [changed]
-    assert sorted(item.name for item in duet.collection.all_objects) == before
-    assert all(map(ownership.is_untouched, duet.collection.all_objects))
-
-
 def test_what_hung_on_an_armature_that_was_deleted_goes_with_the_take(duet, over):
     count = len([item for item in bpy.data.objects if naming.CAPSULE in item])
     bpy.data.objects.remove(item_of(duet.collection, "armature"))

@@ -320,6 +320,17 @@ def test_labelled_again_after_the_scene_s_rate_was_changed_rig_and_range_go_alon
     assert (scene.frame_start, scene.frame_end, scene.frame_float) == (101, 110, 105)
 
 
+def test_labelled_again_it_leaves_another_take_that_a_person_left_frame_by_frame(shown):
+    scene = bpy.context.scene
+    scene.mocap_autolabel.take[takes.SOURCE] = "walk.csv"
+    other = takes.show_take(bpy.context, replace(shown, name="other", source="other.csv"))
+    [marker] = [item for item in other.all_objects if item.get("mocap_marker") == "LKNE"]
+    before = list(marker.animation_data.action.frame_range)
+    scene.render.fps, scene.render.fps_base = 24, 1
+    show_again(bpy.context, replace(shown, source="walk.csv"), whole=True)
+    assert list(marker.animation_data.action.frame_range) == before
+
+
 def test_keys_that_would_be_one_to_blender_stay_where_they_are(shown, capfd):
     scene, rig = bpy.context.scene, mixamo()
     before = retargeted(rig).frame_range[:]
