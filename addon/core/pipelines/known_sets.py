@@ -2,7 +2,7 @@
 """Which of the marker sets that are known is worn in a take, by a part of it.
 
 A set may be worn where nearly all of its markers are there; of one that a single subject taught, mostly by a standing
-trial, half of them: some are taken off for the motion. Of two such, A leads B by
+trial, half of them, which is asked: some are taken off for the motion. Of two such, A leads B by
 
     sum_i (a_i - b_i) + sum_A (a_i - e) - sum_B (b_i - e) + h (hidden_B - hidden_A)
 
@@ -228,7 +228,7 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
     suiting = [one for one in every if one.suits and not one.refused]
     left = [one for one in every if not any(other.beats(one) for other in suiting)]
     likely = [one for one in left if one in suiting]
-    sure = len(left) == len(likely) == 1 and left[0].beside <= WORN.max_beside
+    sure = len(left) == len(likely) == 1 and left[0].beside <= WORN.max_beside and left[0].absent <= WORN.max_absent
     if suiting and not likely:  # what beats them all lacks too many of its markers
         likely = [one for one in left if not one.refused] + suiting
     return left[0].model if sure else None, [one.model for one in likely]

@@ -165,10 +165,12 @@ class TakeTrouble:
             gaps = [one[:2] for one in self._missing.of[index]]
             gaps = [one for one in gaps if not any(a <= one[0] and one[1] <= b for a, b in filled)]
             lost = sum(last - first + 1 for first, last in gaps)
-            if lost == self.subject_frames > MAX_BREAK_FRAMES and not beside:
-                nowhere.append(name)
-            elif lost > MAX_BREAK_FRAMES:
-                yield missing(name, tuple(gaps), self.subject_frames, beside)
+            if lost > MAX_BREAK_FRAMES:
+                found = missing(name, tuple(gaps), self.subject_frames, beside)
+                if lost == self.subject_frames and not beside and not self._is_accepted(found):
+                    nowhere.append(name)
+                else:
+                    yield found
             if excused := self._excused.of[index]:
                 yield _answered(missing(name, tuple(one[:2] for one in excused), self.subject_frames, beside))
         if nowhere:

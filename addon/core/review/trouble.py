@@ -155,13 +155,19 @@ class Trouble:
                 return [Right(name, frames=span) for name in self.markers for span in spans]
             if self.kind == LEFT_OVER:
                 return [Delete(number, frames=span) for number in self.trajectories for span in spans]
-        return [Accepted(self.topic, frames=(spans[0][0], spans[-1][1]))]
+        topics = [gaps_of(name) for name in self.markers] if self.kind == MISSING else [self.topic]
+        return [Accepted(topic, frames=(spans[0][0], spans[-1][1])) for topic in topics]
 
     def as_dict(self) -> dict:
         """What a report says of it."""
         named = "kind", "first", "last", "reason", "markers", "cameras", "advice", "action", "answered"
         tracks, stake = [int(number) for number in self.trajectories], float(f"{self.stake:.4g}")
         return {name: getattr(self, name) for name in named} | {"trajectories": tracks, "stake": stake}
+
+
+def gaps_of(name: str) -> str:
+    """What stays true of a marker that is missing, however often it is labelled again."""
+    return f"{name} has gaps"
 
 
 def nobody(first: int, last: int, markers: int) -> Trouble:
@@ -195,7 +201,7 @@ def missing(name: str, ranges: Spans, frames: int, beside: Sequence[Leftover]) -
         advice, action = f"Look whether trajectory {most.trajectory} is {name}; if so, name it", NAME_IT
     return Trouble(
         MISSING, first, last, reason, advice, float(lost), (name,), tracks, action=action, answer=answer, ranges=ranges,
-        named_in=named_in, lasting=f"{name} has gaps",
+        named_in=named_in, lasting=gaps_of(name),
     )  # fmt: skip
 
 
@@ -208,7 +214,7 @@ def never_found(names: Sequence[str], ranges: Spans) -> Trouble:
     stake = float(len(names) * sum(last - first + 1 for first, last in ranges))
     return Trouble(
         MISSING, ranges[0][0], ranges[-1][1], f"{who} {are} never found", advice, stake, tuple(names), action=RIGHT,
-        answer=NOT_WORN, ranges=ranges, lasting=f"{who} {'has' if len(names) == 1 else 'have'} gaps",
+        answer=NOT_WORN, ranges=ranges, lasting=", ".join(map(gaps_of, names)),
     )  # fmt: skip
 
 

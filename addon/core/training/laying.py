@@ -102,10 +102,11 @@ def lying_beside(takes: Sequence[LabelledTake], markers: Sequence[str], bodies: 
     for points in subjects:
         found = in_segments(BodyModel(bare), points, here)
         if found is not None:
-            off_skin = off_surface(bare, found[0])[:, on_worn_limbs(bare)].min(axis=1)
+            off_skin = off_surface(bare, found[0]).min(axis=1)
             height, low = points[..., 2], np.nanmin(points[..., 2])
             on_floor = np.nan_to_num(height, nan=low).max(axis=0) <= low + gate * (np.nanmax(height) - low)
-            beside.append(on_floor & (off_skin > 2 * gate))
+            shown = np.isfinite(found[0]).all(axis=(1, 2))
+            beside.append(shown & on_floor & (off_skin > 2 * gate))
     return tuple(name for name, own in zip(markers, np.transpose(beside), strict=False) if own.all())
 
 

@@ -72,6 +72,13 @@ def test_markers_that_were_never_found_are_one_line_which_one_answer_closes():
     assert over and all(one.answered for one in over)
 
 
+def test_a_marker_that_was_answered_is_not_asked_again_beside_one_that_was_not():
+    [both] = trouble(without("LHEE", "RHEE"))
+    said = [Accepted("LHEE has gaps", frames=(both.first, both.last))]
+    rest = [one for one in trouble(without("LHEE", "RHEE"), edits=said) if not one.answered]
+    assert [one.markers for one in rest] == [("RHEE",)]
+
+
 def test_a_point_is_to_be_named_where_it_is_and_a_gap_that_was_filled_is_no_trouble():
     beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
     beside[60:] = np.nan

@@ -84,8 +84,9 @@ def test_what_lies_on_the_floor_beside_the_feet_is_no_marker(known, take):
     for call in (named, lambda index: open_markerset("body26").markers[index]):
         names = (*map(call, range(len(points))), "ball", "block", "stick")
         shown = np.concatenate([points, ahead, held])[None].repeat(3, 0)
+        shown[:, 3] = np.nan
         take_of = LabelledTake("still", "she", names, shown)
-        assert lying_beside([take_of], names, known) == ("ball", "block")
+        assert lying_beside([take_of], names, known) == ("ball", "block"), "what nobody saw lies nowhere"
 
 
 @pytest.mark.parametrize("worn", ["arms and legs", "legs"])

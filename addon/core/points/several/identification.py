@@ -209,6 +209,11 @@ class _Named:
         return cls(body, solution, rows, solution.tracklets.some(rows), solution.marker[rows])
 
     @property
+    def said(self) -> np.ndarray:
+        """(K,) the tracklets that a person named."""
+        return self.tracklets.held != NO_MARKER
+
+    @property
     def size(self) -> int:
         """How many markers its set has."""
         return len(self.body.model.markerset)
@@ -228,14 +233,13 @@ class _Named:
             asked = self.marker[:, None] == np.arange(self.size)
             return likeness(self.tracklets, placed, self.marker, pairs, ONE_LOOK, asked)
         odds = likeness(self.tracklets, placed, np.full(len(self.rows), NO_MARKER), pairs, ONE_LOOK)
-        return np.where(odds == NO_EVIDENCE, -np.inf, odds)  # whoever is not there has none
+        # Whoever is not there has none, and what a person named is nobody else's.
+        return np.where((odds == NO_EVIDENCE) | self.said[:, None], -np.inf, odds)
 
     def doubt(self, lead: np.ndarray):
         """Makes the solution no surer of each than by how much its name is ahead (K,)."""
-        held = self.tracklets.held
-        said = np.isin(self.marker, held[held != NO_MARKER])
         margin = self.solution.margin.copy()
-        margin[self.rows] = np.where(said, margin[self.rows], np.minimum(margin[self.rows], lead))
+        margin[self.rows] = np.where(self.said, margin[self.rows], np.minimum(margin[self.rows], lead))
         self.body.solution = replace(self.solution, margin=margin)
 
 
@@ -243,8 +247,8 @@ def doubt_contested(people: Sequence[NamedBody], target: float):
     """Makes solutions, in place, as sure of a name as it is ahead of the best in which another body has the tracklet.
 
     What has been given to a body shows its distances, and bears itself out. So training alone says what is contested,
-    not sure enough that a part `target` of it is right, and how a body is built is then learned from all else. Whose
-    a marker is, is no question where a person has named it at any time.
+    not sure enough that a part `target` of it is right, and how a body is built is then learned from all else. What
+    a person has named is no question, and nobody else's.
     """
     named = [_Named.of(one, one.solution) for one in people if one.solution is not None]
     if len(named) < 2:
@@ -308,10 +312,10 @@ def _trained(model: Model) -> PairDistances:
 def lacking(tracklets: Tracklets, seen: np.ndarray) -> np.ndarray:
     """(N, M) which markers are missing in some of the frames that are looked at of each tracklet, seen (T, M).
 
-    Where most of them are: whoever is not there lacks nothing.
+    Where any is there: whoever is not lacks nothing.
     """
-    count, frame = seen.sum(axis=1), np.maximum(tracklets.frame, 0)
-    there = (tracklets.frame >= 0) & (2 * count >= max(usual_count(count), 1))[frame]
+    frame = np.maximum(tracklets.frame, 0)
+    there = (tracklets.frame >= 0) & seen.any(axis=1)[frame]
     return (~seen[frame] & there[..., None]).any(axis=1)
 
 
