@@ -159,6 +159,10 @@ def test_no_solution_is_surer_of_a_name_than_it_is_ahead_of_another_body_with_it
     person_said.solution.tracklets.held[3] = 3
     doubt_contested([person_said, near], 0.99)
     assert np.flatnonzero(person_said.solution.margin == 40).tolist() == [3]
+    person_said, near = sure_of_all(person(1, 1, 0.0)), sure_of_all(person(1, 1, 0.02))
+    person_said.solution.tracklets.held[:] = person_said.solution.marker
+    doubt_contested([person_said, near], 0.99)
+    assert (near.solution.margin >= least_margin(0.99)).all(), "what a person named is not taken in exchange"
 
 
 def test_what_nobody_contests_shows_how_a_body_is_built():
