@@ -81,6 +81,11 @@ def count_in(text: str) -> int:
     return int(text) if text.isascii() and text.isdigit() and len(text) < 100 else 0
 
 
+def _need_end(text: str, path: Path, line: int):
+    if not text.endswith(("\n", "\r")):  # its last number may be cut
+        raise InputError("ends without a line end; expected a whole last row (is the file cut off?)", path, line)
+
+
 def _joined(parts: Sequence[Samples]) -> Samples:
     names = ("frame", "column", "xyz", "residual")
     return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
@@ -429,23 +434,28 @@ VICON_SECTIONS = ("trajectories", "devices", "joints", "segments", "model output
 
 def read_vicon(path: Path, given: float | None = None) -> PointFile:
     """The trajectories of an export as text of Nexus; InputError with the line where it is not as Nexus writes it."""
-    lines = _lines(decode(read_bytes(path), path, VICON))
+    text = decode(read_bytes(path), path, VICON)
+    lines = _lines(text)
     begin = next((at for at, line in enumerate(lines) if line.strip(', "\t').lower() == VICON_SECTIONS[0]), None)
     if begin is None:
         raise InputError(f"has no section {VICON_SECTIONS[0].title()}; expected {VICON}", path, 1)
     start = begin + 5
-    end = next((at for at, line in enumerate(lines) if at > begin and not _is_row(line)), len(lines))
     head = [_fields(line, path, at, VICON) for at, line in enumerate(lines[begin:start], begin + 1)]
     head += [[]] * (5 - len(head))
-    rate = _rate_in_head("".join(head[1][:1]), "rate", path, begin + 2, given)
+    if head[4] and head[4][0].strip():  # a frame: Workstation and iQ have neither units, which are mm, nor Sub Frame
+        start, head[4] = start - 1, ["mm"] * len(head[3])
+    end = next((at for at, line in enumerate(lines) if at >= start and not _is_row(line)), len(lines))
+    rate = _rate_in_head("".join(head[1][:1]).removesuffix("Hz"), "rate", path, begin + 2, given)
     names, titles, units = head[2:]
     # What moves has columns of its speed, too, whose names are the same.
-    columns = [at for at in range(2, len(titles) - 2) if titles[at : at + 3] == ["X", "Y", "Z"] and at < len(names)]
+    columns = [at for at in range(1, len(titles) - 2) if titles[at : at + 3] == ["X", "Y", "Z"] and at < len(names)]
     if not columns or any(len(units) <= at + 2 for at in columns):
         raise InputError(f"has no columns X, Y, Z with names and units above; expected {VICON}", path, start)
-    rows = _rows(lines[:end], start, path)
     labels = [names[at].strip() for at in columns]
-    return replace(text_file(rows, labels, columns, path, rate, units[columns[0]].strip()), usual="+Z")
+    take = text_file(_rows(lines[:end], start, path), labels, columns, path, rate, units[columns[0]].strip())
+    if end == len(lines):
+        _need_end(text, path, end)
+    return replace(take, usual="+Z")
 
 
 TSV = "a Qualisys .tsv export of 3D data"
@@ -509,8 +519,7 @@ def read_tsv(path: Path, given: float | None = None) -> PointFile:
     if count_in(promised) > there:
         words = f"has {there} of {promised} frames"
         raise InputError(f"{words}; expected all of them (is the file cut off?)", path)
-    if not text.endswith(("\n", "\r")):  # its last number may be cut
-        raise InputError("ends without a line end; expected a whole last row (is the file cut off?)", path, len(lines))
+    _need_end(text, path, len(lines))
     stamp = " ".join(head.get("TIME_STAMP", (1, ""))[1].split())
     said, events = {"TIME_STAMP": stamp} if stamp else {}, map(_TSV_EVENT.match, lines[:start])
     at = tuple((event[1].strip(), float(event[2])) for event in events if event)

@@ -353,6 +353,21 @@ def test_vicon_export(tmp_path, sheet):
     assert np.isnan(take.xyz[:, 0, 0]).tolist() == [False, False, True, False, False]
 
 
+def test_vicon_exports_without_units_or_sub_frames_keep_their_first_marker_and_frame(tmp_path):
+    path = tmp_path / "take.csv"
+    path.write_text(
+        "TRAJECTORIES\n240.00,Hz\n,LFHD,,,RFHD,,\nField #,X,Y,Z,X,Y,Z\n1,100,200,900,4,5,6\n2,1,2,3,4,5,6\n"
+    )
+    take = read_points(path)
+    assert (take.names, take.rate, take.first_frame, len(take.xyz)) == (("LFHD", "RFHD"), 240, 1, 2)
+    np.testing.assert_allclose(take.xyz[0, 0], [0.1, 0.2, 0.9])
+    units = ",,mm,mm,mm,mm,mm,mm,mm/s,mm/s,mm/s\n"
+    for changed in (vicon().replace(units, ""), vicon().replace("\n100\n", "\n100 Hz\n")):
+        path.write_text(changed)
+        take = read_points(path)
+        assert (take.first_frame, len(take.xyz), take.rate) == (10, 5, 100)
+
+
 @pytest.mark.parametrize(
     ("change", "words", "line"),
     [
@@ -362,6 +377,8 @@ def test_vicon_export(tmp_path, sheet):
         (lambda t: t.replace("\n100\n", "\nnone\n"), "a rate of 'none'", 10),
         (lambda t: t.partition("\n14,")[0] + "\n14,0,1", "3 fields; expected 11", 18),
         (lambda t: t.partition("\n10,0,1")[0], "no frames", 0),
+        (lambda t: t.replace(",,Ann:LASI,,,*7,,,Ann:LASI,,", ""), "no columns X, Y, Z", 13),
+        (lambda t: t.partition("\n\nModel")[0][:-1], "without a line end", 18),
     ],
 )
 def test_what_is_wrong_with_a_vicon_export_is_told(tmp_path, change, words, line):

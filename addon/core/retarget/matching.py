@@ -174,8 +174,8 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 def match_names(bones: RestBones) -> dict[str, int]:
     """The parts that the words in the names of bones say: of several the control that moves others, or the surest name.
 
-    A volume in one is the last choice. What is at a foot is no finger. Toes that are
-    apart have no bone for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
+    A volume in one is the last choice. What hangs on no arm of its side is no finger. Toes that are apart have no bone
+    for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
     """
     ends = [name for at, name in enumerate(bones.names) if not bones.below(at)]
     poles = {name for name in ends if _words(name)[0][-1:] in (["knee"], ["elbow"])}
@@ -188,7 +188,7 @@ def match_names(bones: RestBones) -> dict[str, int]:
         above = bones.above(at)[1:]
         beside = [one for parent in above[:1] for one in bones.below(parent) if one != at]
         near = {read[bones.names[one]][0] for one in (*above, *beside) if bones.names[one] in read}
-        if part in FINGER_PARTS and f"foot{part[-2:]}" in near:
+        if part in FINGER_PARTS and not {f"{one}{part[-2:]}" for one in LIMBS[0]} & near:
             continue
         volume = part in near and not bones.below(at)
         found[part].append((bones.held and "fk" not in words, volume, rank, len(words), len(above), at))
@@ -255,7 +255,8 @@ def _with_sides(bones: RestBones, found: dict[str, int]) -> dict[str, int]:
         return found
     thighs, feet, toes = bones.heads[np.array(ends)]
     back = np.cross((thighs - feet).mean(axis=0), thighs[0] - thighs[1])
-    if not ((toes - feet) @ back > 0).all():
+    ahead = toes - feet
+    if not (ahead @ back > np.linalg.norm(ahead, axis=1) * np.linalg.norm(back) / 2).all():  # not down from the ankle
         return found
     other = dict(zip(BODY_SIDES, BODY_SIDES[::-1], strict=True))
     names = {part: part.partition(".") for part in found}

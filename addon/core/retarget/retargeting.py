@@ -24,6 +24,7 @@ STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a 
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
 OTHER_SIZE = 2.0  # physical: so many times as long, or as short, are no two people's feet, drawn ones neither
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
+Plants = Mapping[str, tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +56,11 @@ def axes_at_rest(places: Mapping[str, np.ndarray]) -> np.ndarray:
     up = up * np.sign(way @ up)
     pairs = [[places.get(f"{part}.{side}") for side in BODY_SIDES] for part in ("thigh", "foot", "upper_arm")]
     lines = [one - other for one, other in pairs if one is not None and other is not None]
-    level = min(lines, key=lambda line: abs(line @ up) / np.linalg.norm(line))  # where all lean, the rig does
-    up = up - level * (level @ up) / (level @ level)
-    up /= np.linalg.norm(up)
+    leans = np.array([line @ up / max(float(np.linalg.norm(line)), NO_TURN) for line in lines])
+    if len(lines) > 1 and (leans * leans[0] > 0).all():  # where all lean to one side, the rig does
+        level = lines[int(np.argmin(np.abs(leans)))]
+        up = up - level * (level @ up) / (level @ level)
+        up /= np.linalg.norm(up)
     left = lines[0] - up * (lines[0] @ up)
     left /= np.linalg.norm(left)
     return np.column_stack([left, np.cross(up, left), up])
@@ -95,9 +98,9 @@ def retarget(
         else:
             turns[:, index] = body.turned(part) @ aligned[index]
     scale, floor, lift = _fitted(rig, body)
-    ground = _ground(body, rig.legs, rate) if feet else 0.0
+    ground, plants = _plants(body, rig.legs, rate) if feet else (0.0, {})
     lift -= scale * ground
-    known = scale, floor, ground, rate
+    known = scale, floor, plants
     begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = begin - turns[:, at["hips"]] @ middle
@@ -253,26 +256,28 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     return scale, floor, float(np.mean(lifts or [0.0]))
 
 
-def _soles(body: BodyInMotion, side: str) -> tuple[np.ndarray, np.ndarray]:
-    """(F, 3) m what of a foot's sole is below its ball at rest, and what is below its ankle."""
-    ankle, toes = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
-    begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
-    return begin + turned @ (toes * (1, 1, 0) - ankle), begin + turned @ (ankle * (0, 0, -1))
+def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, Plants]:
+    """M, how much higher than at rest a body stands on the floor: people's feet, and shoes, are as high as they are.
 
-
-def _ground(body: BodyInMotion, legs: list[str], rate: float) -> float:
-    """M, how much higher than at rest a body stands on the floor: people's feet, and shoes, are as high as they are."""
-    stands = [0.0]
-    for sole, heel in (_soles(body, side) for side in legs):
-        lowest = np.minimum(sole[:, 2], heel[:, 2])
-        flat = np.abs(sole[:, 2] - heel[:, 2]) < ON_GROUND.low_m
-        stands += lowest[flat & _planted(sole, lowest, rate)].tolist()
+    And in which frames (K,) the foot of each side is planted, with how high (K,) m the lower one of its heel and ball
+    is over that.
+    """
+    found, stands = {}, [0.0]
+    for side in legs:
+        ankle, ball = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
+        begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
+        heights = [(begin + turned @ below)[:, 2] for below in (ball * (1, 1, 0) - ankle, ankle * (0, 0, -1))]
+        lowest = np.minimum(*heights)
+        rows = np.flatnonzero(_planted(body.begin(f"toes.{side}"), lowest, rate))  # which holds still
+        stands += lowest[rows][np.abs(np.subtract(*heights))[rows] < ON_GROUND.low_m].tolist()
+        found[side] = rows, lowest[rows]
     ground = float(np.median(stands))
-    return ground if abs(ground) < ON_GROUND.low_m else 0.0
+    ground = ground if abs(ground) < ON_GROUND.low_m else 0.0
+    return ground, {side: (rows, heights - ground) for side, (rows, heights) in found.items()}
 
 
 def _with_legs(
-    rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, float, float]
+    rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, Plants]
 ) -> np.ndarray:
     """(F, 3, 3), or one of all, how the hips turn with both legs, by as much as they are wider than the body's.
 
@@ -295,7 +300,7 @@ def _plant(
     body: BodyInMotion,
     side: str,
     posed: tuple[np.ndarray, np.ndarray],
-    known: tuple[float, float, float, float],
+    known: tuple[float, float, Plants],
     aligned: np.ndarray,
 ):
     """Changes the turns of a leg so that its foot does not slide while it is planted.
@@ -324,22 +329,20 @@ def _standing(
     body: BodyInMotion,
     side: str,
     posed: tuple[np.ndarray, np.ndarray],
-    known: tuple[float, float, float, float],
+    known: tuple[float, float, Plants],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """In which frames (K,) a foot is planted, and where it is to begin (K, 3) m and how it turns (K, 3, 3) in them.
 
     Its ball goes along the floor as the body's does, from where the leg has it in the mean of a plant. The lower one of
     heel and ball is as high as the body's: a foot of another length stands on the floor, not in it.
     """
-    (turns, hips), (scale, floor, ground, rate), foot = posed, known, rig.at[f"foot.{side}"]
-    (sole, heel), held = _soles(body, side), body.begin(f"toes.{side}")  # which holds still
-    lowest = np.minimum(sole[:, 2], heel[:, 2])
-    rows = np.flatnonzero(_planted(held, lowest, rate))
+    (turns, hips), (scale, floor, plants), foot = posed, known, rig.at[f"foot.{side}"]
+    rows, heights = plants[side]
     turn, ankle, ball = turns[rows, foot], rig.heads[foot], _ball(rig, side)
     hip, begin = (place_of(rig, turns, hips, at)[rows] for at in (rig.at[f"thigh.{side}"], foot))
     low = [(turn @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (ball, ankle)]
-    goal = scale * held[rows] - turn @ (ball - ankle)
-    goal[:, 2] = scale * (lowest[rows] - ground) - np.minimum(*low)
+    goal = scale * body.begin(f"toes.{side}")[rows] - turn @ (ball - ankle)
+    goal[:, 2] = scale * heights - np.minimum(*low)
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
         goal[run, :2] += (begin - goal)[run, :2].mean(axis=0)
     rolled, turn = _rolled(turn, ball - ankle, goal - hip, np.linalg.norm(begin - hip, axis=1))
@@ -349,21 +352,19 @@ def _standing(
 def _rolled(turn: np.ndarray, way: np.ndarray, ankle: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The places (K, 3) m of an ankle from the hip, and turns (K, 3, 3) of its foot, that leave the knee as it is.
 
-    For that the foot rolls on its ball, `way` (3,) m from the ankle, until this is as `far` (K,) m as the leg has it; a
-    heel that is up comes up to twice as high, or down. Where that does not do, the leg takes ball and heel off the
-    floor, rather than be straightened by so much.
+    For that the foot rolls on its ball, `way` (3,) m from the ankle, towards where this is as `far` (K,) m as the leg
+    has it, less where the leg is over the ball and a roll helps little. A heel that is up comes up to twice as high, or
+    down. Where that does not do, the leg takes ball and heel off the floor, rather than be straightened by so much.
     """
-    axis, along, lifted = turn @ LEFTWARDS, turn @ way, np.clip(turn[:, 2, 1], 0, 1)
-    ball, still = ankle + along, axis * (axis * along).sum(axis=1)[:, None]
-    one, other = ((ball * across).sum(axis=1) for across in (along - still, np.cross(axis, along)))
-    wanted = ((ball**2).sum(axis=1) + way @ way - far**2) / 2 - (ball * still).sum(axis=1)
-    part = np.clip(wanted / np.maximum(np.hypot(one, other), NO_TURN), -1, 1)
-    angles = np.arctan2(other, one) + np.outer((-1, 1), np.arccos(part))
-    angles = (angles + np.pi) % (2 * np.pi) - np.pi
-    angle = np.where(np.abs(angles[0]) < np.abs(angles[1]), *angles)
-    most = np.arcsin(lifted)
-    turn = exponential(axis * np.clip(angle, -most, most)[:, None])[0] @ turn
-    ankle = ball - turn @ way
+    ball, axis, lifted = ankle + turn @ way, turn @ LEFTWARDS, np.clip(turn[:, 2, 1], 0, 1)
+    most, start, angle = np.arcsin(lifted), turn, np.zeros(len(turn))
+    for _ in range(4):  # tangents; more of them come nearer, and jump where a little reach is a long way
+        across = np.cross(turn @ way, axis)
+        wanted = ankle * (far / np.linalg.norm(ankle, axis=1) - 1)[:, None]
+        angle += (wanted * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), NO_TURN)
+        angle = np.clip(angle, -most, most)
+        turn = exponential(axis * angle[:, None])[0] @ start
+        ankle = ball - turn @ way
     too_far = np.clip(np.linalg.norm(ankle, axis=1) - far, 0, lifted * np.linalg.norm(way[:2]))
     return ankle + too_far[:, None] * SKYWARDS, turn
 

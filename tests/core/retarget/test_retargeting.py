@@ -86,10 +86,10 @@ def test_a_rig_stands_on_the_floor_where_feet_are_kept_however_high_the_person_s
     assert (np.ptp(found, axis=0).max() < 0.002) == feet
 
 
-def on_tiptoe(squats):
+def on_tiptoe(squats, most=0.9, frames=15):
     """A body that comes up on its toes and stays so: its character, joints and rotations."""
     character, (joints, rotations) = squats
-    lift = 0.9 * np.clip((np.arange(120) - 40) / 15, 0, 1)
+    lift = most * np.clip((np.arange(120) - 40) / frames, 0, 1)
     still, turns = joints[:1].repeat(120, axis=0), rotations[:1].repeat(120, axis=0)
     at = {part: character.segment[character.names.index(part)] for part in ("foot.L", "foot.R", "toes.L", "toes.R")}
     foot, toes = (np.array([at[f"{part}.{side}"] for side in "LR"]) for part in ("foot", "toes"))
@@ -110,7 +110,7 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     balls = places(one, *found)[:, toes]
     assert np.ptp(balls[..., :2], axis=0).max() < 0.003
     tips = balls[..., 2] + np.einsum("fsij,sj->fsi", found[0][:, toes], one.tails[toes] - one.heads[toes])[..., 2]
-    np.testing.assert_allclose(tips, one.tails[toes, 2] * np.ones((120, 1)), atol=0.004)
+    np.testing.assert_allclose(tips, one.tails[toes, 2] * np.ones((120, 1)), atol=0.006)
     np.testing.assert_allclose(found[0][:40, toes], found[0][:40, feet], atol=0.02)
     # Longer toes than the body's, straight again when the ball has left the floor, are still not in it.
     left = still + 0.08 * np.clip((np.arange(120) - 70) / 15, 0, 1)[:, None, None] * [0, 0, 1]
@@ -131,8 +131,19 @@ def test_a_foot_of_another_form_rolls_on_its_ball_and_leaves_the_knee_as_it_is(s
         bent = turns[:, one.at["thigh.L"]].swapaxes(1, 2) @ turns[:, one.at["shank.L"]]
         knees.append(np.degrees(np.arccos((np.trace(bent, axis1=1, axis2=2) - 1) / 2)))
         balls.append(places(one, turns, hips)[:, one.at["toes.L"]])
-    np.testing.assert_allclose(knees[0][60:], knees[1][60:], atol=1.5)  # on tiptoe
+    np.testing.assert_allclose(knees[0][60:], knees[1][60:], atol=8)  # on tiptoe; a leg over the ball needs much roll
     assert np.ptp(balls[1][:, :2], axis=0).max() < 0.003 < np.ptp(balls[0][:, :2], axis=0).max()
+
+
+@pytest.mark.parametrize("way", [(0, 0, 0), (0, -0.02, -0.06), (0, 0.05, -0.03)])
+def test_a_foot_does_not_jump_where_the_leg_is_over_its_ball_and_a_roll_helps_little(squats, way):
+    one = rig(size=1.15)
+    for end in (one.heads, one.tails):
+        end[[one.at[f"toes.{side}"] for side in "LR"]] += way
+    turns = retarget(*on_tiptoe(squats, 1.2, 50), RATE, one, feet=True, hands=False)[0][:, one.at["foot.L"]]
+    cosines = (np.trace(turns[1:] @ turns[:-1].swapaxes(1, 2), axis1=1, axis2=2) - 1) / 2
+    steps = np.degrees(np.arccos(np.minimum(cosines, 1)))
+    assert steps.max() < 2.5 * np.degrees(1.2 / 50)
 
 
 def test_a_foot_that_ends_where_it_begins_and_one_that_is_never_planted_are_turned(squats):
@@ -272,7 +283,11 @@ def test_axes_of_a_rig_are_those_it_has_at_rest():
         np.testing.assert_allclose(axes, turned, atol=1e-12)
     uneven = {part: one.heads[index] for part, index in one.at.items()}
     uneven["thigh.L"] = uneven["thigh.L"] + (0, 0, 0.05)  # a hip alone
-    np.testing.assert_allclose(axes_at_rest(uneven)[2, 2], 1, atol=1e-12)
+    against = uneven | {"foot.L": uneven["foot.L"] + (0, 0, 0.05), "upper_arm.L": uneven["upper_arm.L"] - (0, 0, 0.03)}
+    alone = {part: place for part, place in uneven.items() if not part.startswith(("foot", "upper_arm"))}
+    together = against | {"foot.R": against["foot.L"]}
+    for places in (uneven, against, alone, together):
+        np.testing.assert_allclose(axes_at_rest(places)[2, 2], 1, atol=1e-12)
 
 
 AS_IT_IS = np.eye(3)
@@ -362,6 +377,17 @@ def test_sides_that_are_named_as_who_looks_at_a_rig_sees_them_are_exchanged():
     assert match_bones(at_rest(UNREAL, turn=mirrored)) == other
 
 
+def test_sides_of_feet_that_point_down_are_as_they_are_named():
+    """Where toes begin right under the ankles of legs that are ahead, which is a little behind."""
+    bones = at_rest(UNREAL)
+    heads = bones.heads.copy()
+    for side in "lr":
+        knee, foot, toes = (bones.names.index(f"{name}_{side}") for name in ("calf", "foot", "ball"))
+        heads[[knee, foot], 1] -= (0.06, 0.12)
+        heads[toes] = heads[foot] - (0, 0, 0.09)
+    assert match_bones(replace(bones, heads=heads)) == without_between(UNREAL)
+
+
 @pytest.mark.parametrize("gone", ["hand", "forearm hand", "shoulder"])
 def test_arms_of_too_few_bones_are_left_out_but_not_for_a_shoulder(gone):
     """Which is where the upper arm begins."""
@@ -404,6 +430,7 @@ def test_bones_that_help_others_are_passed_over():
         ("ik_hand_l", "hips", (0.74, 0, 1.45)),
         ("thumb_01_l", "hand.L", (0.78, 0, 1.4)),
         ("DEF-thigh_l", "hips", (0.1, 0, 0.9)),
+        ("skirt_mid_r", "hips", (-0.1, 0, 0.7)),
         ("foot_thumb_01_l", "foot.L", (0.1, -0.2, 0.02)),
         ("lMid1", "hand.L", (0.8, 0, 1.4)),
     ]
