@@ -442,7 +442,7 @@ def read_vicon(path: Path, given: float | None = None) -> PointFile:
     start = begin + 5
     head = [_fields(line, path, at, VICON) for at, line in enumerate(lines[begin:start], begin + 1)]
     head += [[]] * (5 - len(head))
-    if head[4] and head[4][0].strip():  # a frame: Workstation and iQ have neither units, which are mm, nor Sub Frame
+    if head[4] and head[4][0].strip():  # a frame: Workstation and iQ have neither units nor Sub Frame
         start, head[4] = start - 1, ["mm"] * len(head[3])
     end = next((at for at, line in enumerate(lines) if at >= start and not _is_row(line)), len(lines))
     rate = _rate_in_head("".join(head[1][:1]).removesuffix("Hz"), "rate", path, begin + 2, given)
@@ -452,7 +452,7 @@ def read_vicon(path: Path, given: float | None = None) -> PointFile:
     if not columns or any(len(units) <= at + 2 for at in columns):
         raise InputError(f"has no columns X, Y, Z with names and units above; expected {VICON}", path, start)
     labels = [names[at].strip() for at in columns]
-    take = text_file(_rows(lines[:end], start, path), labels, columns, path, rate, units[columns[0]].strip())
+    take = text_file(_rows(lines[:end], start, path), labels, columns, path, rate, units[columns[0]].strip() or "mm")
     if end == len(lines):
         _need_end(text, path, end)
     return replace(take, usual="+Z")
