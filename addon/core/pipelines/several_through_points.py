@@ -187,7 +187,7 @@ def label_by_points(take: SeveralBlobs) -> Generator[Progress, None, SubjectsInI
         yield Progress(CHECKING_BACK.share * share, f"reconstruct frame {blobs.frames[-1]}")
     asked = replace(take.asked, others=True, in_room=True)  # others have blobs, and are in the way
     made = points.take()
-    options = replace(take.options, edits=named.edits_of(points.place))
+    options = replace(take.options, edits=named.edits_of(points.place), traced=True)
     labelled = yield from within(label_several(made, asked, options, edits), CHECKING_BACK.share, 1.0)
     del made
     bodies = tuple(take.body(one.model.markerset) for one in labelled.worn.subjects)

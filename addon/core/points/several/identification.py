@@ -188,7 +188,8 @@ def share(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> Generat
         wider = shared_out(may, certainty)
         if (wider == may).all():
             break
-    doubt_contested(people, crowd.options.target)
+    if not crowd.options.traced:  # the blobs of which are named by the bodies, from more names the better
+        doubt_contested(people, crowd.options.target)
     return may
 
 
