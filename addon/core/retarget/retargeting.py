@@ -24,7 +24,21 @@ STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a 
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
 OTHER_SIZE = 2.0  # physical: so many times as long, or as short, are no two people's feet, drawn ones neither
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
-Plants = Mapping[str, tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Footing:
+    """What planted feet of a rig go by.
+
+    scale   how much larger the rig's legs are than the body's
+    floor   m, how high the rig's floor is at rest
+    plants  in which frames (K,) the body's foot of each side is planted, and how high (K,) m the lower one of its heel
+            and ball is over the floor that it stands on
+    """
+
+    scale: float
+    floor: float
+    plants: Mapping[str, tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,16 +114,16 @@ def retarget(
     scale, floor, lift = _fitted(rig, body)
     ground, plants = _plants(body, rig.legs, rate) if feet else (0.0, {})
     lift -= scale * ground
-    known = scale, floor, plants
+    footing = Footing(scale, floor, plants)
     begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = begin - turns[:, at["hips"]] @ middle
     if feet and len(rig.legs) > 1:
-        turns[:, at["hips"]] = _with_legs(rig, body, (turns, hips), known) @ turns[:, at["hips"]]
+        turns[:, at["hips"]] = _with_legs(rig, body, (turns, hips), footing) @ turns[:, at["hips"]]
         hips = begin - turns[:, at["hips"]] @ middle
     for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
         if feet and side in rig.legs:
-            _plant(rig, body, side, (turns, hips), known, aligned)
+            _plant(rig, body, side, (turns, hips), footing, aligned)
             if f"toes.{side}" in at:
                 _keep_toes_out(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
@@ -256,11 +270,10 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     return scale, floor, float(np.mean(lifts or [0.0]))
 
 
-def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, Plants]:
+def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, dict[str, tuple[np.ndarray, np.ndarray]]]:
     """M, how much higher than at rest a body stands on the floor: people's feet, and shoes, are as high as they are.
 
-    And in which frames (K,) the foot of each side is planted, with how high (K,) m the lower one of its heel and ball
-    is over that.
+    And the plants of each side, as `Footing` has them.
     """
     found, stands = {}, [0.0]
     for side in legs:
@@ -276,21 +289,19 @@ def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, Pl
     return ground, {side: (rows, heights - ground) for side, (rows, heights) in found.items()}
 
 
-def _with_legs(
-    rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, Plants]
-) -> np.ndarray:
+def _with_legs(rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], footing: Footing) -> np.ndarray:
     """(F, 3, 3), or one of all, how the hips turn with both legs, by as much as they are wider than the body's.
 
     Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's.
     """
     thighs = [rig.at[f"thigh.{side}"] for side in BODY_SIDES]
-    own = known[0] * np.linalg.norm(body.rest("thigh.L") - body.rest("thigh.R"))
+    own = footing.scale * np.linalg.norm(body.rest("thigh.L") - body.rest("thigh.R"))
     wider = 1 - own / np.linalg.norm(np.subtract(*rig.heads[thighs]))
     if wider <= 0:
         return np.eye(3)
     line, missed = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs)), []
     for side in BODY_SIDES:
-        rows, ankle, _ = _standing(rig, body, side, posed, known)
+        rows, ankle, _ = _standing(rig, body, side, posed, footing)
         missed.append(_between(rows, ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows], len(line)))
     return least_turn(line, line + wider * (missed[0] - missed[1]))
 
@@ -300,7 +311,7 @@ def _plant(
     body: BodyInMotion,
     side: str,
     posed: tuple[np.ndarray, np.ndarray],
-    known: tuple[float, float, Plants],
+    footing: Footing,
     aligned: np.ndarray,
 ):
     """Changes the turns of a leg so that its foot does not slide while it is planted.
@@ -308,7 +319,7 @@ def _plant(
     In between bones turn from as much otherwise as they do at one plant to as much as at the next.
     """
     (turns, hips), leg = posed, [f"{part}.{side}" for part in LEG]
-    rows, ankle, turn = _standing(rig, body, side, posed, known)
+    rows, ankle, turn = _standing(rig, body, side, posed, footing)
     bent = turns[rows]
     bent[:, rig.at[leg[-1]]] = turn
     _bend(rig, bent, hips[rows], aligned, leg, ankle, LEFTWARDS)
@@ -329,15 +340,15 @@ def _standing(
     body: BodyInMotion,
     side: str,
     posed: tuple[np.ndarray, np.ndarray],
-    known: tuple[float, float, Plants],
+    footing: Footing,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """In which frames (K,) a foot is planted, and where it is to begin (K, 3) m and how it turns (K, 3, 3) in them.
 
     Its ball goes along the floor as the body's does, from where the leg has it in the mean of a plant. The lower one of
     heel and ball is as high as the body's: a foot of another length stands on the floor, not in it.
     """
-    (turns, hips), (scale, floor, plants), foot = posed, known, rig.at[f"foot.{side}"]
-    rows, heights = plants[side]
+    (turns, hips), (scale, floor), foot = posed, (footing.scale, footing.floor), rig.at[f"foot.{side}"]
+    rows, heights = footing.plants[side]
     turn, ankle, ball = turns[rows, foot], rig.heads[foot], _ball(rig, side)
     hip, begin = (place_of(rig, turns, hips, at)[rows] for at in (rig.at[f"thigh.{side}"], foot))
     low = [(turn @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (ball, ankle)]
