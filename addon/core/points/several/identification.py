@@ -22,6 +22,7 @@ from ..whole_take.deciding import least_margin
 from ..whole_take.likeness import NO_EVIDENCE, likeness
 from ..whole_take.matching import leads
 from ..whole_take.pairs import PairDistances, in_take, moments, trained_pairs, widened
+from ..whole_take.pipeline import PointOptions
 from ..whole_take.solving import MARGINS, ROUNDS, Solution
 from ..whole_take.tracklets import Tracklets, seen_in, tracklets_of
 from .bodies import Crowd, NamedBody
@@ -188,8 +189,7 @@ def share(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> Generat
         wider = shared_out(may, certainty)
         if (wider == may).all():
             break
-    if not crowd.options.traced:  # the blobs of which are named by the bodies, from more names the better
-        doubt_contested(people, crowd.options.target)
+    doubt_contested(people, crowd.options)
     return may
 
 
@@ -244,27 +244,30 @@ class _Named:
         self.body.solution = replace(self.solution, margin=margin)
 
 
-def doubt_contested(people: Sequence[NamedBody], target: float):
+def doubt_contested(people: Sequence[NamedBody], options: PointOptions):
     """Makes solutions, in place, as sure of a name as it is ahead of the best in which another body has the tracklet.
 
     What has been given to a body shows its distances, and bears itself out. So training alone says what is contested,
-    not sure enough that a part `target` of it is right, and how a body is built is then learned from all else. What
-    a person has named is no question, and nobody else's.
+    not sure enough for the target, and how a body is built is then learned from all else. What
+    a person has named is no question, and nobody else's. Nor are points that blobs made: their bodies name the blobs,
+    from more names the better.
     """
     named = [_Named.of(one, one.solution) for one in people if one.solution is not None]
-    if len(named) < 2:
+    if options.traced or len(named) < 2:
         return
     trained = [_trained(one.body.model) for one in named]
-    lead = _leads(named, trained)
-    clear = [own >= least_margin(target) for own in lead]
+    placed = [one.placed(np.ones(len(one.rows), bool)) for one in named]
+    clear = [own >= least_margin(options.target) for own in _leads(named, placed, trained)]
     known = [in_take(own, one.placed(sure)) for one, own, sure in zip(named, trained, clear, strict=True)]
-    for one, own, sure in zip(named, _leads(named, known), clear, strict=True):
+    for one, own, sure in zip(named, _leads(named, placed, known), clear, strict=True):
         one.doubt(np.where(sure, np.inf, own))
 
 
-def _leads(named: Sequence[_Named], pairs: Sequence[PairDistances]) -> list[np.ndarray]:
-    """(K,) log odds by which the names on each body are ahead, by what is known of the distances on each."""
-    placed = [one.placed(np.ones(len(one.rows), bool)) for one in named]
+def _leads(named: Sequence[_Named], placed: Sequence[Any], pairs: Sequence[PairDistances]) -> list[np.ndarray]:
+    """(K,) log odds by which the names on each body are ahead, by what is known of the distances on each.
+
+    placed are the places (T, M, 3) m of its markers, by all of its names.
+    """
     odds = np.block([[one.odds_on(*other) for other in zip(named, placed, pairs, strict=True)] for one in named])
     before = np.cumsum([0, *(one.size for one in named)]).tolist()
     marker = np.concatenate([one.marker + size for one, size in zip(named, before[:-1], strict=True)])

@@ -304,8 +304,7 @@ def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[tuple[Labe
         may = one.may.copy()
         may[crowd.tracklet[others]] = False
         corrected.append((yield from _Corrected.of(crowd, one.body, own, own_labels(before, place, size), may)))
-    if not crowd.options.traced:
-        doubt_contested([one.body for one in corrected], crowd.options.target)
+    doubt_contested([one.body for one in corrected], crowd.options)
     again = joined(found.worn, [one.verdict(crowd.options.target) for one in corrected])
     unedited = first.edited.below(before, again.labels)
     applied = replace(apply_edits(unedited, edits, cells), outcomes=first.outcomes)

@@ -150,19 +150,25 @@ def sure_of_all(xyz: np.ndarray, parts: int = 1) -> bodies.NamedBody:
 
 def test_no_solution_is_surer_of_a_name_than_it_is_ahead_of_another_body_with_it():
     one, near, far = (sure_of_all(person(1, 1, lane)) for lane in (0.0, 0.02, 5.0))
-    doubt_contested([one, far], 0.99)
+    doubt_contested([one, far], PointOptions("likelihood", 0.99))
     assert (one.solution.margin == 40).all()
-    doubt_contested([one, near], 0.99)
+    doubt_contested([one, near], PointOptions("likelihood", 0.99))
     assert (one.solution.margin < least_margin(0.99)).all()
     assert (near.solution.margin < least_margin(0.99)).all()
     person_said = sure_of_all(person(1, 1, 0.0))
     person_said.solution.tracklets.held[3] = 3
-    doubt_contested([person_said, near], 0.99)
+    doubt_contested([person_said, near], PointOptions("likelihood", 0.99))
     assert np.flatnonzero(person_said.solution.margin == 40).tolist() == [3]
     person_said, near = sure_of_all(person(1, 1, 0.0)), sure_of_all(person(1, 1, 0.02))
     person_said.solution.tracklets.held[:] = person_said.solution.marker
-    doubt_contested([person_said, near], 0.99)
+    doubt_contested([person_said, near], PointOptions("likelihood", 0.99))
     assert (near.solution.margin >= least_margin(0.99)).all(), "what a person named is not taken in exchange"
+
+
+def test_names_of_points_that_cameras_traced_are_as_sure_as_they_were():
+    one, near = sure_of_all(person(1, 1, 0.0)), sure_of_all(person(1, 1, 0.02))
+    doubt_contested([one, near], PointOptions("likelihood", 0.99, traced=True))
+    assert (one.solution.margin == 40).all() and (near.solution.margin == 40).all()
 
 
 def test_what_nobody_contests_shows_how_a_body_is_built():
@@ -174,7 +180,7 @@ def test_what_nobody_contests_shows_how_a_body_is_built():
     late = beside + np.where(np.arange(FRAMES)[:, None, None] < FRAMES // 2, [0.0, 5.0, 0.0], 0.0)
     for there, sure in ((beside, False), (late, True)):
         body = sure_of_all(one, 2)
-        doubt_contested([body, sure_of_all(there, 2)], 0.99)
+        doubt_contested([body, sure_of_all(there, 2)], PointOptions("likelihood", 0.99))
         assert (body.solution.margin[15 + ankle] >= least_margin(0.99)) == sure
 
 
