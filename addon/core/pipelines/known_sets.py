@@ -141,7 +141,7 @@ class FittingSet:
     @property
     def suits(self) -> bool:
         """Whether no more of its markers are absent than may be."""
-        return self.absent <= (REFUSAL.min_half if is_of_one(self.model) else WORN.max_absent)
+        return self.absent <= _may_lack(self.model, WORN.max_absent)
 
     def beats(self, other: "FittingSet") -> bool:
         """Whether another set is not worn, because this one may be."""
@@ -215,7 +215,7 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
         raise JobError("shows too few points for a body; expected the markers of a subject")
     kinds: dict[frozenset[str], list[Model]] = {}
     for model in models:
-        if most >= (1 - _most_unfound(model)) * len(model.markerset):
+        if most >= (1 - _may_lack(model, WORN.max_unfound)) * len(model.markerset):
             kinds.setdefault(frozenset(model.markerset.markers), []).append(model)
     tried = [max(alike, key=lambda one: worth_of(one, some)) if alike[1:] else alike[0] for alike in kinds.values()]
     tracklet, found = cut(part.xyz, part.rate, lanes=part.lanes), []
@@ -234,14 +234,12 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
     return left[0].model if sure else None, [one.model for one in likely]
 
 
-def is_of_one(model: Model) -> bool:
-    """Whether one subject taught a model: many of the markers that showed who stands are taken off for the motion."""
-    return model.likelihood is not None and model.likelihood.subjects == 1
+def _may_lack(model: Model, usual: float) -> float:
+    """The part of its markers that a take in a model's set may lack, and `usual`ly does at most.
 
-
-def _most_unfound(model: Model) -> float:
-    """The part of a model's markers that may be hardly there before the search."""
-    return REFUSAL.min_half if is_of_one(model) else WORN.max_unfound
+    Many of those by which one subject was shown standing are taken off for the motion.
+    """
+    return REFUSAL.min_half if model.of_one_subject else usual
 
 
 def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingSet | None]:
@@ -251,7 +249,7 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
     if frames.solvable:
         solution = finished(solve_take(take.xyz, tracklet, frames.labels, frames.model, take.rate, search="none"))
         marker = solution.tracklets.spread(solution.marker, NO_MARKER, slice(None))
-        if _there(marker, len(model.markerset)).mean() < 1 - _most_unfound(model):
+        if _there(marker, len(model.markerset)).mean() < 1 - _may_lack(model, WORN.max_unfound):
             return None  # a search takes longest where a set is another
         solution = solution if solution.crowd else None  # in which there is no search
     solution, verdict = yield from as_a_whole(frames, replace(options, force=True), solution)

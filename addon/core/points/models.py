@@ -163,6 +163,11 @@ class Model:
         """The rigid bodies that most of the markers are on; None for other sets."""
         return None if self.likelihood is None else self.likelihood.rigid_bodies
 
+    @property
+    def of_one_subject(self) -> bool:
+        """Whether a single subject taught it to name points: nothing tells how the next one differs."""
+        return self.likelihood is not None and self.likelihood.subjects == 1
+
     @cached_property
     def structure(self) -> "Structure | None":
         """How the rigid bodies lie on the subjects that the model keeps; None without either."""

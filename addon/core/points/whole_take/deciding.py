@@ -125,9 +125,8 @@ def _needed(model: Model, tracklet: np.ndarray) -> float:
     markers one that is no marker sits like one through the whole take, and a model of one subject knows nothing of how
     the next one differs.
     """
-    likelihood, markers = model.likelihood, len(model.markerset)
-    crowd = (tracklet >= 0).sum() >= REFUSAL.crowd * markers * len(tracklet)
-    few = likelihood is not None and likelihood.subjects == 1 and likelihood.rigid_bodies is None
+    crowd = (tracklet >= 0).sum() >= REFUSAL.crowd * len(model.markerset) * len(tracklet)
+    few = model.of_one_subject and model.rigid_bodies is None
     return REFUSAL.min_half if crowd or few else 0.0
 
 
