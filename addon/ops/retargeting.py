@@ -10,7 +10,7 @@ from bpy.props import StringProperty
 from ..core.data.errors import InputError
 from ..core.data.wording import count_of
 from ..core.retarget.matching import FINGER_PARTS, PARTS, match_bones, match_map
-from ..io.bone_maps import read_bone_map
+from ..io import bone_maps
 from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
 from ..scene.retargeting import freed_by, is_rig, matched_before, rest_bones, retarget_take
@@ -71,16 +71,12 @@ class MOCAP_AUTOLABEL_OT_match_bones(Ours, bpy.types.Operator):
         _keep(active_rig(context), matched)
 
 
-class MOCAP_AUTOLABEL_OT_read_bone_map(ImportsFile, bpy.types.Operator):
+@operator(lacks_rig, of=ImportsFile, filter_glob=StringProperty(default="*.bmap;*.json", options={"HIDDEN"}))
+def read_bone_map(_self, context, path: Path) -> str:
     """Take the bones of the active rig from a map of Auto-Rig Pro (.bmap) or KeeMap (.json) that drives it."""
-
-    needs = (lacks_rig,)
-    filter_glob: StringProperty(default="*.bmap;*.json", options={"HIDDEN"})
-
-    def take_in(self, context, path: Path) -> str:
-        matched, rig = match_map(read_bone_map(path)), active_rig(context)
-        matched = {part: bone for part, bone in matched.items() if bone in rig.data.bones}
-        if not matched:
-            raise InputError(f"names no bone of {rig.name}; expected a map onto this rig", path)
-        _keep(rig, matched)
-        return f"{len(matched)} parts of the body have a bone of {rig.name}"
+    matched, rig = match_map(bone_maps.read_bone_map(path)), active_rig(context)
+    matched = {part: bone for part, bone in matched.items() if bone in rig.data.bones}
+    if not matched:
+        raise InputError(f"names no bone of {rig.name}; expected a map onto this rig", path)
+    _keep(rig, matched)
+    return f"{len(matched)} parts of the body have a bone of {rig.name}"

@@ -9,29 +9,26 @@ from bpy.props import FloatProperty, StringProperty
 
 from ..core.data.errors import InputError
 from ..props import refresh_review
-from ..scene.cameras import is_mocap_camera, look_through
+from ..scene import cameras as scene_cameras
 from ..scene.clock import set_moment
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
 from ..scene.take import is_take, remove_take
-from .base import Ours, WithTake, lacks_object_mode, once, operator, taken, unless
+from .base import WithTake, lacks_object_mode, once, operator, taken, unless
 from .gestures import window_region
 from .picking import selected_markers, show_picked
 
 
-class MOCAP_AUTOLABEL_OT_look_through(Ours, bpy.types.Operator):
+@operator(camera=once(StringProperty, "Camera", "Name of the camera object"))
+def look_through(self, context):
     """Look through this camera, with its own picture size and pixels."""
-
-    camera: once(StringProperty, "Camera", "Name of the camera object")
-
-    def work(self, context):
-        camera = context.scene.objects.get(self.camera)
-        if not is_mocap_camera(camera):
-            words = f"{self.camera or 'nothing'} is not a calibrated camera of this scene"
-            raise InputError(f"{words}; expected one of those")
-        look_through(context.scene, camera)
-        if context.space_data is not None and context.space_data.type == "VIEW_3D":
-            context.space_data.region_3d.view_perspective = "CAMERA"
+    camera = context.scene.objects.get(self.camera)
+    if not scene_cameras.is_mocap_camera(camera):
+        words = f"{self.camera or 'nothing'} is not a calibrated camera of this scene"
+        raise InputError(f"{words}; expected one of those")
+    scene_cameras.look_through(context.scene, camera)
+    if context.space_data is not None and context.space_data.type == "VIEW_3D":
+        context.space_data.region_3d.view_perspective = "CAMERA"
 
 
 @operator(
