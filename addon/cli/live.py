@@ -5,16 +5,13 @@ import json
 import signal
 import sys
 import time
-from contextlib import ExitStack
-from dataclasses import replace
-from functools import partial
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from ..core.data.errors import JobError, UserError
-from ..core.points.several.live import solved_of_several
-from ..core.points.whole_take.live import Window, WindowNames, solved_window, subject_in
+from ..core.data.errors import JobError
 from ..io.scratch import scratch_folder
 from ..io.streams.natnet_server import NamesServer
 from ..jobs.live import LiveJob, name_stream
@@ -69,11 +66,11 @@ def run(arguments) -> int:
     with ExitStack() as stack:
         if arguments.serve:
             served = stack.enter_context(NamesServer(arguments.serve, job.called, job.anywhere))
-        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job))
+        beside = stack.enter_context(solver())
         for kind in (signal.SIGINT, signal.SIGTERM):
             stack.callback(signal.signal, kind, signal.signal(kind, stop))
         try:
-            result = name_stream(job, solver, tell, lambda: bool(stops))
+            result = name_stream(job, beside, tell, lambda: bool(stops))
         finally:
             shown.clear()
     unsent = f", {served.unsent} not sent" if served is not None else ""
@@ -97,7 +94,7 @@ def name_beside(job: LiveJob, folder: Path) -> dict:
         stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.SIG_IGN))
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         latest = stack.enter_context((folder / LATEST).open("wb", buffering=0))
-        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job, posed=True))
+        beside = stack.enter_context(solver())
 
         def tell(line: dict):
             nonlocal changed
@@ -105,7 +102,8 @@ def name_beside(job: LiveJob, folder: Path) -> dict:
             latest.seek(0)
             latest.write(json.dumps(line | {"at": time.time(), "changed": changed}).encode() + b"\n")
 
-        return name_stream(job, solver, tell, lambda: (folder / STOP).exists() or left(), (folder / RECORD).exists)
+        stopped, recording = (lambda: (folder / STOP).exists() or left()), (folder / RECORD).exists
+        return name_stream(job, beside, tell, stopped, recording, posed=True)
 
 
 def refuse_offline():
@@ -115,45 +113,14 @@ def refuse_offline():
         raise JobError("Allow Online Access is off in Blender's preferences; expected it on, or blender --online-mode")
 
 
-class SolverProcess:
-    """A process beside this one that solves windows; use it as a context manager."""
-
-    def __init__(self, scratch: Path, job: LiveJob, posed: bool = False):
-        """Starts it; where bodies are `posed` it also says whose names they are."""
-        self.worker, self.work = Worker(scratch), partial(solved, job, posed)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_: object):
-        self.worker.process.kill()
-        self.worker.process.wait()
-        self.worker.close()
-
-    @property
-    def free(self) -> bool:
-        """Whether it has nothing to do."""
-        return not self.worker.busy
-
-    def send(self, window: Window):
-        """Gives it a window."""
-        self.worker.hand(partial(self.work, window))
-
-    def answer(self) -> WindowNames | None:
-        """What came of it; None while it is at work. The JobError of how it ended where it has."""
-        found = self.worker.look()
-        if isinstance(found, UserError):
-            raise found
-        return found
-
-
-def solved(job: LiveJob, posed: bool, window: Window) -> WindowNames:
-    """What the process beside does with a window."""
-    with threadpool_limits(1, user_api="blas"):
-        worn = job.worn
-        models = [one.model for one in worn.subjects]
-        names = solved_of_several(worn.subjects, window) if job.several else solved_window(models[0], window)
-        if not posed:
-            return names
-        own = zip(models, worn.firsts, strict=True)
-        return replace(names, subjects=tuple(subject_in(model, window, names.marker - first) for model, first in own))
+@contextmanager
+def solver() -> Iterator[Worker]:
+    """A process beside this one, which ends at once with the block."""
+    with scratch_folder() as scratch:
+        worker = Worker(scratch)
+        try:
+            yield worker
+        finally:
+            worker.process.kill()
+            worker.process.wait()
+            worker.close()

@@ -28,7 +28,7 @@ def add_parser(verbs):
 def run(arguments) -> int:
     """Refines one calibration."""
     job = job_of(RefineJob, arguments, **told_by_capture(arguments.source, arguments.cameras, arguments.rate))
-    report = ProgressLine(arguments.progress).drain(refine_file(job), job.source.stem).report
+    report, _ = ProgressLine(arguments.progress).drain(refine_file(job), job.source.stem)
     print_results(_lines(report), report, arguments.json)
     return 0
 

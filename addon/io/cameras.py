@@ -140,17 +140,10 @@ EXPECTED = (
 
 SELFCAL, YML = (".pmat.cal", ".rad"), (".yml", ".yaml")
 # The module and function of each kind, by suffix and by the root of its XML: one of them is loaded, when it is read.
-_TOML, _XCP, _QCA, _QTM, _MCAL, _YML, _SELFCAL = (
-    ("toml_cameras", "read_toml"),
-    ("xml_cameras", "read_xcp"),
-    ("xml_cameras", "read_qca"),
-    ("qtm.capture", "read_qtm_cameras"),
-    ("xml_cameras", "read_mcal"),
-    ("opencv", "read_yml"),
-    ("selfcal", "read_selfcal"),
-)
-_BY_SUFFIX = {".toml": _TOML, ".xcp": _XCP, ".mcal": _MCAL, ".qtm": _QTM, **dict.fromkeys(YML, _YML)}
-_BY_ROOT = {"cameras": _XCP, "calibration": _QCA, "calibrationprofile": _MCAL}
+_XCP, _MCAL = ("xml_cameras", "read_xcp"), ("xml_cameras", "read_mcal")
+_BY_SUFFIX = {".toml": ("toml_cameras", "read_toml"), ".qtm": ("qtm.capture", "read_qtm_cameras")}
+_BY_SUFFIX |= {".xcp": _XCP, ".mcal": _MCAL, **dict.fromkeys(YML, ("opencv", "read_yml"))}
+_BY_ROOT = {"cameras": _XCP, "calibration": ("xml_cameras", "read_qca"), "calibrationprofile": _MCAL}
 
 
 def read_cameras(path: Path, read_blend: Callable[[Path], Cameras] | None = None, up: str | None = None) -> Cameras:
@@ -163,7 +156,7 @@ def read_cameras(path: Path, read_blend: Callable[[Path], Cameras] | None = None
     path = Path(path)
     up, suffix = up or "", path.suffix.lower()
     if path.is_dir() or path.name.lower().endswith(SELFCAL):
-        return _reader(_SELFCAL)(path, up)
+        return _reader("selfcal", "read_selfcal")(path, up)
     if suffix == ".blend":
         if read_blend is None:
             raise InputError("is a Blender scene, which only Blender can open; expected a calibration file", path)
@@ -171,7 +164,7 @@ def read_cameras(path: Path, read_blend: Callable[[Path], Cameras] | None = None
 
         return z_up(read_blend(path), up or "z")
     if suffix in _BY_SUFFIX:
-        return _reader(_BY_SUFFIX[suffix])(path, up)
+        return _reader(*_BY_SUFFIX[suffix])(path, up)
     if suffix in (".xml", ".txt", ".qca"):
         return _read_by_root(path, up)
     if not path.exists():
@@ -198,11 +191,10 @@ def _read_by_root(path: Path, up: str) -> Cameras:
     kind = _BY_ROOT.get(root.lower())
     if kind is None:
         raise InputError(f"has <{root[:40]}> at its root; {EXPECTED}", path)
-    return _reader(kind)(path, up)
+    return _reader(*kind)(path, up)
 
 
-def _reader(kind: tuple[str, str]) -> Callable[[Path, str], Cameras]:
-    module, name = kind
+def _reader(module: str, name: str) -> Callable[[Path, str], Cameras]:
     return getattr(import_module(f".{module}", __package__), name)
 
 

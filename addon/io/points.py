@@ -140,24 +140,22 @@ def _read(path: Path, everything: bool, up: str | None, rate: float | None, make
 
 def _file_points(content: PointFile, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:
     """The take in a file, in metres and turned upright; `up` is the axis that somebody named, such as "z" or "-y"."""
-    found = packed(content.frames, content.columns, content.count, content.parts, make_table)
-    if not (found.lanes.last >= found.lanes.first).any():
+    places, residuals, lanes = packed(content.frames, content.columns, content.count, content.parts, make_table)
+    if not (lanes.last >= lanes.first).any():
         raise InputError("has no point that is present in any frame; expected a take with markers", path)
-    assumed = "" if content.unit in UNITS else guess_unit(Scaled(found.xyz, content.scale[:1]))
+    assumed = "" if content.unit in UNITS else guess_unit(Scaled(places, content.scale[:1]))
     metre = UNITS[assumed or content.unit]
-    xyz, residual = (
-        Scaled(one, (scale, metre)) for one, scale in zip((found.xyz, found.residual), content.scale, strict=True)
-    )
+    xyz, residual = (Scaled(one, (scale, metre)) for one, scale in zip((places, residuals), content.scale, strict=True))
     names = _named(content.labels)
     if up:
         upright = Upright(f"{'-' if up[0] == '-' else '+'}{up[-1].upper()}")
     else:
-        upright = find_up(content.word, xyz, names, content.usual, found.lanes)
+        upright = find_up(content.word, xyz, names, content.usual, lanes)
     turn = up_rotation(upright.axis)
-    axis, sign = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(found.xyz.dtype)
-    for part in blocks(*found.residual.shape):
-        found.xyz[part] = found.xyz[part][..., axis] * sign
-    small = found.residual.size <= MAX_WIDE_CELLS
+    axis, sign = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(places.dtype)
+    for part in blocks(*residuals.shape):
+        places[part] = places[part][..., axis] * sign
+    small = residuals.size <= MAX_WIDE_CELLS
     return FilePoints(
         names,
         # What gives parts of an array serves as one.
@@ -167,7 +165,7 @@ def _file_points(content: PointFile, up: str | None, path: Path, make_table: Mak
         content.first_frame,
         content.columns,
         # Whoever goes by columns finds each trajectory in its own where none has to share.
-        None if found.lanes.count == len(content.columns) else found.lanes,
+        None if lanes.count == len(content.columns) else lanes,
         assumed,
         upright.axis,
         content.notes + upright.notes,

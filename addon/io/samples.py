@@ -88,25 +88,14 @@ class PointFile:
     trial: "TrialFile | TextHead | None" = None
 
 
-@dataclass(frozen=True, eq=False)
-class Packed:
-    """Some columns of a file as lanes.
-
-    xyz       (T, L, 3) and
-    residual  (T, L) as the file's numbers, NaN where missing, and everywhere if none is stated: where no sample of the
-              file has one above zero; else zero says that a sample was filled
-    lanes     which of the chosen columns stands where
-    """
-
-    xyz: np.ndarray
-    residual: np.ndarray
-    lanes: Lanes
-
-
-def packed(frames: int, chosen: np.ndarray, count: int, parts: Parts, make_table: MakeTable = IN_MEMORY) -> Packed:
+def packed(
+    frames: int, chosen: np.ndarray, count: int, parts: Parts, make_table: MakeTable = IN_MEMORY
+) -> tuple[np.ndarray, np.ndarray, Lanes]:
     """The chosen ones of a file's columns over so many frames; the file is gone through twice, and never held.
 
-    The residuals, which hardly anything asks for, are in a table that `make_table` gives.
+    Gives places (T, L, 3) and residuals (T, L), NaN where missing, and which of the chosen columns stands in which
+    lane. Residuals are NaN everywhere where no sample of the file has one above zero; else zero says that a sample was
+    filled. Hardly anything asks for them: they are in a table that `make_table` gives.
     """
     trajectory = np.full(count, -1)
     trajectory[chosen] = np.arange(len(chosen))
@@ -130,4 +119,4 @@ def packed(frames: int, chosen: np.ndarray, count: int, parts: Parts, make_table
         xyz[at] = part.xyz[kept]
         if stated:
             residual[at] = part.residual[kept]
-    return Packed(xyz, residual, lanes)
+    return xyz, residual, lanes

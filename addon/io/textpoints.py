@@ -34,21 +34,23 @@ def text_file(
     rate: float,
     unit: str,
     word: str = "",
+    promised: str = "",
 ) -> PointFile:
     """The points of rows as `rows_to_samples` takes them; of a world with y up where the file does not say."""
-    first, frames, parts = rows_to_samples(rows, starts, path)
+    first, frames, parts = rows_to_samples(rows, starts, path, promised)
     columns = np.arange(len(labels))
     return PointFile(labels, columns, len(labels), frames, rate, first, lambda: parts, unit.lower(), word, "+Y")
 
 
 def rows_to_samples(
-    rows: Iterable[tuple[int, list[str]]], columns: Sequence[int], path: Path
+    rows: Iterable[tuple[int, list[str]]], columns: Sequence[int], path: Path, promised: str = ""
 ) -> tuple[int, int, tuple[Samples, ...]]:
     """Number of the first frame, how many there are and their samples, of rows: a line number and its fields each.
 
     The first field is the frame's number, and `columns` are where the P markers begin, ascending. Empty fields, NaN and
     0 0 0 are missing, and so is what a row is too short for; frames that the file leaves out are there without points.
-    InputError with the line where a field is no number or the frames do not ascend.
+    InputError with the line where a field is no number or the frames do not ascend, without it where there are none or
+    fewer than its head has `promised`.
     """
     parts, values, first, before, count = [], [], 0, 0, 0
     for line, fields in rows:
@@ -64,9 +66,13 @@ def rows_to_samples(
         if len(values) == ROWS_AT_ONCE:
             parts.append(_joined(values))
             values = []
+    if not count:
+        raise InputError("has no frames; expected at least one", path)
     frames = before - first + 1
     if frames - 1 > MAX_GAP + MAX_FRAMES_A_ROW * count:
         raise InputError(f"has {count} rows for frames {first} to {before}; expected every frame", path)
+    if count_in(promised) > count:
+        raise InputError(f"has {count} of {promised} frames; expected all of them (is the file cut off?)", path)
     return first, frames, (*parts, *([_joined(values)] if values else []))
 
 
@@ -210,7 +216,7 @@ def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path)
 
     The first `named` fields are as the head says; behind them are three for each point without a name.
     """
-    width, empty = named, True
+    width = named
     for number, line in enumerate(lines[begin:], begin + 1):
         if not line.strip():
             continue
@@ -221,10 +227,8 @@ def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path)
         # What is behind the named points has no length of its own.
         if number == len(lines) and (len(fields) < 3 or (not ended and len(fields) < min(width, named))):
             raise InputError(f"ends in the middle of a row; expected {named} fields", path, number)
-        width, empty = len(fields), False
+        width = len(fields)
         yield number, fields
-    if empty:
-        raise InputError("has no frames; expected at least one", path)
 
 
 def _is_trc_row(lines: list[str], index: int) -> bool:
@@ -341,10 +345,8 @@ def read_motive(path: Path, given: float | None = None) -> PointFile:
     kinds, names, properties = (titles.get(key, []) for key in ("type", "name", "property"))
     labels, columns = _markers(kinds, names, properties, path, start)
     unit = settings.get("length units", "").strip()
-    take = text_file(_rows(lines, start, path), labels, columns, path, rate, unit)
-    promised, count = settings.get("total exported frames", "").strip(), sum(map(_is_row, lines[start:]))
-    if count_in(promised) > count:
-        raise InputError(f"has {count} of {promised} frames; expected all of them (is the file cut off?)", path)
+    promised = settings.get("total exported frames", "").strip()
+    take = text_file(_rows(lines, start, path), labels, columns, path, rate, unit, promised=promised)
     of_take = {key: text.strip() for key, text in settings.items() if ABOUT_TAKE.match(key) and text.strip()}
     known = {"capture frame rate": ("CameraRate", "OrigDataRate"), "total frames in take": ("OrigNumFrames",)}
     fields = {name: of_take[key].replace("\t", " ") for key, names in known.items() if key in of_take for name in names}
@@ -357,17 +359,14 @@ def _is_row(line: str) -> bool:
 
 def _rows(lines: list[str], start: int, path: Path) -> Iterator[tuple[int, list[str]]]:
     """The number and the fields of each row from `start` on."""
-    width, empty = len(_fields(lines[start - 1], path, start)), True
+    width = len(_fields(lines[start - 1], path, start))
     for number, line in enumerate(lines[start:], start + 1):
         if not _is_row(line):
             continue
         fields = line.split(",") if '"' not in line else _fields(line, path, number)
         if len(fields) != width and not (len(fields) < width and number < len(lines)):
             raise InputError(f"has {len(fields)} fields; expected {width} (is the file cut off?)", path, number)
-        empty = False
         yield number, fields
-    if empty:
-        raise InputError("has no frames; expected at least one", path)
 
 
 def _rate(settings: dict[str, str], path: Path, given: float | None) -> float:
@@ -513,21 +512,13 @@ def read_tsv(path: Path, given: float | None = None) -> PointFile:
     numbered = titles[0].strip().lower() == "frame" if titled else ahead > 0
     rows = _tsv_rows(lines, start + titled, (ahead, columns), numbered, path)
     labels += [""] * (count - len(labels))
-    take = text_file(rows, labels, range(1, 1 + 3 * count, 3), path, rate, "mm")
     promised = head.get("NO_OF_FRAMES", (1, ""))[1]
-    there = sum(map(_is_tsv_row, lines[start + titled :]))
-    if count_in(promised) > there:
-        words = f"has {there} of {promised} frames"
-        raise InputError(f"{words}; expected all of them (is the file cut off?)", path)
+    take = text_file(rows, labels, range(1, 1 + 3 * count, 3), path, rate, "mm", promised=promised)
     _need_end(text, path, len(lines))
     stamp = " ".join(head.get("TIME_STAMP", (1, ""))[1].split())
     said, events = {"TIME_STAMP": stamp} if stamp else {}, map(_TSV_EVENT.match, lines[:start])
     at = tuple((event[1].strip(), float(event[2])) for event in events if event)
     return replace(take, usual="+Z", trial=TextHead({}, said, group="QTM", events=at))
-
-
-def _is_tsv_row(line: str) -> bool:
-    return bool(line.strip(" "))  # of a frame without points there may be tabs alone
 
 
 def _tsv_rows(
@@ -539,12 +530,10 @@ def _tsv_rows(
     """
     frame, width = 0, columns[1]
     for number, line in enumerate(lines[start:], start + 1):
-        if not _is_tsv_row(line):
+        if not line.strip(" "):  # of a frame without points there may be tabs alone
             continue
         fields = line.split("\t")
         if len(fields) != width and (len(fields) != width + 1 or fields[-1].strip()):
             raise InputError(f"has {len(fields)} fields; expected {width} (is the file cut off?)", path, number)
         frame += 1
         yield number, [fields[0] if numbered else str(frame), *fields[slice(*columns)]]
-    if not frame:
-        raise InputError("has no frames; expected at least one", path)

@@ -4,19 +4,14 @@
 from collections.abc import Generator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..core.data.errors import UserError
 from ..core.data.progress import Progress
 from ..core.review.changes import Change
 from ..io.labels import changes_of_part
-from ..io.points import holds_points
 from ..io.scratch import scratch_folder
 from ..io.whole import finish_renaming
 from .job import LabelJob, Labelled, results_of
-
-if TYPE_CHECKING:
-    from .labelling import OpenTake
 
 
 def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -26,7 +21,7 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """
     from .labelling import label_take
 
-    return label_take(job, _kind_of)
+    return label_take(job)
 
 
 def label_for_report(job: LabelJob) -> Generator[Progress, None, dict]:
@@ -57,20 +52,9 @@ def worn_to_show(job: LabelJob) -> Generator[Progress, None, tuple[list[str], bo
     from .labelling import find_worn
 
     try:
-        return *(yield from find_worn(job, _kind_of)), None
+        return *(yield from find_worn(job)), None
     except UserError as error:
         return [], False, False, error
-
-
-def _kind_of(job: LabelJob) -> "type[OpenTake]":
-    """What opens the take; of blobs it takes long to load, and takes of points need none of it."""
-    if holds_points(job.source, job.use):
-        from .labelling import PointTake
-
-        return PointTake
-    from .blobs import BlobTake
-
-    return BlobTake
 
 
 __all__ = ["LabelJob", "Labelled", "label_file", "label_for_report", "label_to_show", "worn_to_show"]

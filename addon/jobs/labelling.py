@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take from file to files, of blobs as of 3D points: named part by part, and written as a whole."""
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
@@ -37,7 +37,7 @@ from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter, facts_of_changes, point_keys
 from ..io.markersets import AUTO_MODEL, builtin_markersets
 from ..io.models import open_model
-from ..io.points import FilePoints, read_points, write_c3d, write_trc
+from ..io.points import FilePoints, holds_points, read_points, write_c3d, write_trc
 from ..io.poses import PoseFile, is_long, refuse_keys
 from ..io.provenance import REPORT, sealed
 from ..io.report import facts_of_edits, facts_of_trouble, renumbered, take_report
@@ -239,13 +239,22 @@ def _points_of(job: LabelJob, room: Room) -> FilePoints:
     return read_points(job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room, mirror=job.mirror)
 
 
-def find_worn(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, tuple]:
+def _kind_of(job: LabelJob) -> type[OpenTake]:
+    """What opens the take; of blobs it takes long to load, and takes of points need none of it."""
+    if holds_points(job.source, job.use):
+        return PointTake
+    from .blobs import BlobTake
+
+    return BlobTake
+
+
+def find_worn(job: LabelJob) -> Generator[Progress, None, tuple]:
     """What can be told of a take before it is labelled: known models that it may wear, if that is sure, if two wear it.
 
     There is one model where that is sure, else those of a user come first. Raises UserError where there is none.
     """
     with ExitStack() as read:
-        take, turns = kind_of(job).shown(job, read)
+        take, turns = _kind_of(job).shown(job, read)
         known = {open_model(name): name for name in job.models}
         worn, likely = yield from known_worn(take, turns, known, job.force)
         if worn is None:
@@ -257,7 +266,7 @@ def find_worn(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> G
     return [likely[worn]], True, False
 
 
-def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, Labelled]:
+def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """Labels the take, of whichever kind, and writes its files, which appear together or not at all.
 
     Memory does not grow with a take of blobs, unless its gaps are to be filled: that takes all frames.
@@ -269,7 +278,7 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
         found: list[str] = []
         if job.model == AUTO_MODEL:
             with timed(clock, "load"), ExitStack() as read:
-                shown = kind_of(job).shown(job, read)
+                shown = _kind_of(job).shown(job, read)
                 known = {open_model(name): name for name in job.models}
                 model, *found = yield from model_worn(*shown, known, job.force)
                 inputs["model"] = [inputs["model"][job.models.index(model)]]
@@ -278,7 +287,7 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
             models = {}
             for name in job.models:
                 models[name] = yield from model_for(name, job.method)
-            take = kind_of(job)(job, models, stack, clock)
+            take = _kind_of(job)(job, models, stack, clock)
         yield from take.name()
         results = Results(job, take, files[".labels.csv"], stack)
         results.notes += found

@@ -4,19 +4,21 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..core.body.bodies import Bodies, BodyModel
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import NO_MARKER, Points
 from ..core.points.models import Model
-from ..core.points.several.live import namer_of
+from ..core.points.several.live import namer_of, solved_of_several
 from ..core.points.several.wearers import AUTO, SetsWorn, Wearer
-from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
+from ..core.points.whole_take.live import LiveNamer, Window, WindowNames, solved_window, subject_in
 from ..core.posing.finer import finer
 from ..core.posing.posing import FollowedBody
 from ..core.reconstruction.trajectories import Reconstructed
@@ -34,16 +36,16 @@ RATE_FRAMES = 30  # by which the frame rate is known where the sender does not s
 KEPT_FRAMES = 200  # that go to the disk at once
 
 
-class SolverBeside(Protocol):
-    """What solves windows while frames go on, one at a time."""
+class Beside(Protocol):
+    """Another process that works while frames go on."""
 
-    free: bool
+    busy: bool
 
-    def send(self, window: Window):
-        """Gives it a window, if it is `free`."""
+    def hand(self, work: Callable):
+        """Hands it a work, if it is not `busy`."""
 
-    def answer(self) -> WindowNames | None:
-        """What came of it; None while it is at work."""
+    def look(self) -> Any:
+        """What came of it, such as trouble; None while it is at work."""
 
 
 @dataclass(frozen=True)
@@ -152,15 +154,16 @@ class LiveFile(TrajectoryFile):
 
 def name_stream(
     job: LiveJob,
-    beside: SolverBeside,
+    beside: Beside,
     tell: Callable[[dict], None],
     stopped: Callable[[], bool],
     recording: Callable[[], bool] = lambda: True,
+    posed: bool = False,
 ) -> dict:
     """Names frames until the sender ends, or somebody has `stopped` it; `tell` hears each. Gives what there is to say.
 
-    From when it is `recording` on all frames are kept. Where windows say whose names they are, those bodies are posed.
-    Raises UserError where the stream ends in trouble; what came until then is kept.
+    Windows are solved in a process beside this one. From when it is `recording` on all frames are kept; lines have
+    bodies where those are `posed`. Raises UserError where the stream ends in trouble; what came until then is kept.
     """
     worn = job.worn
     if job.out is not None and job.out.suffix.lower() != ".c3d":
@@ -169,7 +172,7 @@ def name_stream(
         target = stack.enter_context(whole_file(job.out, job.overwrite)) if job.out else None
         folder = stack.enter_context(scratch_folder()) if job.out else None
         stream = stack.enter_context(open_stream(job.source, job.up or "", job.wait, job.anywhere))
-        live = _Live(job, stream, beside, worn, folder, stack, recording)
+        live = _Live(job, stream, beside, posed, worn, folder, stack, recording)
         trouble = live.run(tell, stopped)
         if target is not None and live.file is not None and live.file.counts:
             names = [one.name for one in worn.subjects] if job.several else []
@@ -179,6 +182,18 @@ def name_stream(
     if trouble is not None:
         raise trouble
     return {"frames": live.frames, "late": live.late, "rate": live.rate, "out": str(job.out) if live.file else None}
+
+
+def solved(job: LiveJob, posed: bool, window: Window) -> WindowNames:
+    """What the process beside does with a window; where bodies are `posed` it also says whose names they are."""
+    with threadpool_limits(1, user_api="blas"):
+        worn = job.worn
+        models = [one.model for one in worn.subjects]
+        names = solved_of_several(worn.subjects, window) if job.several else solved_window(models[0], window)
+        if not posed:
+            return names
+        own = zip(models, worn.firsts, strict=True)
+        return replace(names, subjects=tuple(subject_in(model, window, names.marker - first) for model, first in own))
 
 
 class _PosedSubject:
@@ -220,7 +235,8 @@ class _Live:
 
     job: LiveJob
     stream: LiveStream
-    beside: SolverBeside
+    beside: Beside
+    poses: bool
     worn: SetsWorn
     folder: Path | None
     stack: ExitStack
@@ -266,7 +282,9 @@ class _Live:
             self.waiting.append((came, frame))
             self._begin()
         else:
-            answer = None if self.beside.free else self.beside.answer()
+            answer = self.beside.look() if self.beside.busy else None
+            if isinstance(answer, UserError):
+                raise answer
             if answer is not None:
                 self.namer.hear(answer)
                 self.heard = answer
@@ -289,10 +307,10 @@ class _Live:
         }
 
     def ask(self):
-        """Sends the last moment to whoever solves it."""
-        if self.namer is not None and self.beside.free and (window := self.namer.window()) is not None:
+        """Hands over the last moment to be solved."""
+        if self.namer is not None and not self.beside.busy and (window := self.namer.window()) is not None:
             self.asked = window
-            self.beside.send(window)
+            self.beside.hand(partial(solved, self.job, self.poses, window))
 
     def _know(self, renamed: list[tuple[int, int]], is_new: bool):
         """Takes who they are from the last window that was solved, if it is new or names of theirs were wrong."""

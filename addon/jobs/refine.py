@@ -40,17 +40,10 @@ class RefineJob(RoomJob):
     if_refined: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Refined:
-    """What became of a job: what there is to say, and the cameras as they are written."""
-
-    report: dict
-    cameras: Cameras
-
-
-def refine_file(job: RefineJob) -> Generator[Progress, None, Refined]:
+def refine_file(job: RefineJob) -> Generator[Progress, None, tuple[dict, Cameras]]:
     """Writes the refined calibration, or the same one where there is nothing to refine.
 
+    Gives what there is to say, and the cameras as they are written.
     Raises UserError with the file where that is known.
     """
     begin = perf_counter()
@@ -66,7 +59,7 @@ def refine_file(job: RefineJob) -> Generator[Progress, None, Refined]:
             found = yield from within(work, READ, 1.0)
         if found.refined or not job.if_refined:
             write_cameras(target, found.cameras)
-    return Refined(_report(job, found, rate, perf_counter() - begin), found.cameras)
+    return _report(job, found, rate, perf_counter() - begin), found.cameras
 
 
 def _read_parts(job: RefineJob, cameras: Cameras) -> Generator[Progress, None, list[Blobs]]:

@@ -83,6 +83,7 @@ class Ours:
 
     bl_options = {"REGISTER", "UNDO"}
     needs: tuple[Need, ...] = ()
+    differs_in = "work"
 
     def __init_subclass__(cls, **words):
         super().__init_subclass__(**words)
@@ -106,6 +107,24 @@ class Ours:
     @reports_trouble
     def execute(self, context):
         return self.work(context)
+
+
+def operator(
+    *needs: Need, of: type[Ours] = Ours, label: str = "", options: set[str] | None = None, **properties: Any
+) -> Callable[[Callable[..., object]], type[Ours]]:
+    """Makes an operator, called `MOCAP_AUTOLABEL_OT_` as well, of what alone it does otherwise than others of a kind.
+
+    It needs more than they do and has more properties, and label and options where they are not those of its name and
+    kind.
+    """
+
+    def made(work) -> type[Ours]:
+        words = {"__module__": work.__module__, "__doc__": work.__doc__, of.differs_in: work}
+        words |= {"needs": (*of.needs, *needs), "__annotations__": properties} | ({"bl_label": label} if label else {})
+        words |= {} if options is None else {"bl_options": options}
+        return type(f"MOCAP_AUTOLABEL_OT_{work.__name__}", (of, bpy.types.Operator), words)
+
+    return made
 
 
 class WithTake(Ours):

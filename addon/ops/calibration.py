@@ -8,8 +8,9 @@ import bpy
 from bpy.props import StringProperty
 
 from ..core.data.errors import InputError
+from ..core.geometry.cameras import Cameras
 from ..io.whole import free_path
-from ..jobs.refine import Refined, RefineJob, refine_file
+from ..jobs.refine import RefineJob, refine_file
 from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
 from ..scene.cameras import show_refined
@@ -52,20 +53,19 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(LongWork, bpy.types.Operator):
         )
         return partial(refine_file, job)
 
-    def _show(self, context, refined: Refined) -> set[str]:
-        scene, report = context.scene, refined.report
+    def _show(self, context, refined: tuple[dict, Cameras]):
+        scene, (report, cameras) = context.scene, refined
         for words in report["camera_doubts"]:
             self.report({"WARNING"}, words)
         if not report["refined"]:
             self.report({"INFO"}, f"Nothing to refine: {_worst(report)}")
-            return {"FINISHED"}
+            return
         source = scene.mocap_autolabel.source
         if source.cameras is None or source.cameras.session_uid != self._of:
             words = f"other cameras are chosen than those that were refined, which are in {Path(report['out']).name}"
             raise InputError(f"{words}; expected them to stay, so import that file")
-        source.cameras = show_refined(scene, source.cameras, refined.cameras, report)
+        source.cameras = show_refined(scene, source.cameras, cameras, report)
         self.report({"INFO"}, f"{_worst(report)}, in {Path(report['out']).name}; label again to use it")
-        return {"FINISHED"}
 
 
 def _worst(report: dict) -> str:

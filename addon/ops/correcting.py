@@ -38,7 +38,7 @@ from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from ..scene.timing import picked_range
-from .base import OfTake, WithTake, once, reports_trouble, taken, unless
+from .base import OfTake, WithTake, once, operator, reports_trouble, taken, unless
 from .listing import list_here, refuse_other_lists
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
@@ -123,6 +123,8 @@ def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple
 
 class Corrects(OfTake):
     """What the edits share: their frames. They differ in `edits`, which makes them; UserError if it cannot."""
+
+    differs_in = "edits"
 
     scope: EnumProperty(name="Frames", description="The frames that are corrected", items=SCOPES, default="WHOLE")
 
@@ -218,79 +220,65 @@ class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
         return [edit_of((AssignPoint, AssignBlob), stored, one, frames, self.marker) for one in chosen]
 
 
-class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
+@operator(of=Corrects)
+def unlabel(_self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
     """Take the names of the selected markers away from the points that have them in this frame."""
-
-    def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """The trajectories, or blobs, have no name; where markers of blobs alone are selected, nothing is these."""
-        names = selected_markers(context)
-        if names and not isinstance(stored.rows, PointRows) and not picked_points(context):
-            return [UnlabelMarker(name, frames=frames) for name in names]
-        chosen = chosen_trajectories(context, stored)
-        return [edit_of((UnlabelPoint, UnlabelBlob), stored, one, frames) for one in chosen]
+    # The trajectories, or blobs, have no name; where markers of blobs alone are selected, nothing is these.
+    names = selected_markers(context)
+    if names and not isinstance(stored.rows, PointRows) and not picked_points(context):
+        return [UnlabelMarker(name, frames=frames) for name in names]
+    chosen = chosen_trajectories(context, stored)
+    return [edit_of((UnlabelPoint, UnlabelBlob), stored, one, frames) for one in chosen]
 
 
-class MOCAP_AUTOLABEL_OT_no_marker(Corrects, bpy.types.Operator):
+@operator(of=Corrects)
+def no_marker(_self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
     """Say that the picked points are no markers: another person's, a thing's, or nothing; they get no name any more."""
-
-    def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        chosen = chosen_trajectories(context, stored)
-        return [edit_of((Delete, DeleteBlob), stored, one, frames) for one in chosen]
+    chosen = chosen_trajectories(context, stored)
+    return [edit_of((Delete, DeleteBlob), stored, one, frames) for one in chosen]
 
 
-class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
+@operator(of=Corrects, label="Swap")
+def swap_markers(_self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
     """Give two selected markers each other's names."""
-
-    bl_label = "Swap"
-
-    def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """The two markers exchanged; where two blobs of one camera are picked, in that camera."""
-        picked = picked_points(context)
-        if not isinstance(stored.rows, PointRows) and len(picked) == 2:
-            (one, other), marker = stored.rows.camera[picked], stored.labels.marker[picked]
-            if one == other and (marker != NO_MARKER).all():
-                names = [stored.names[index] for index in marker[::-1]]
-                both = zip(picked, names, strict=True)
-                return [blob_edit(AssignBlob, stored, row, frames, name) for row, name in both]
-        names = sorted(selected_markers(context))
-        if len(names) != 2:
-            words = f"the selection has {count_of(len(names), 'marker')}"
-            raise InputError(f"{words}; expected the two that have each other's names, picked with the tool Label")
-        return [Swap((names[0], names[1]), frames=frames)]
+    # The two markers exchanged; where two blobs of one camera are picked, in that camera.
+    picked = picked_points(context)
+    if not isinstance(stored.rows, PointRows) and len(picked) == 2:
+        (one, other), marker = stored.rows.camera[picked], stored.labels.marker[picked]
+        if one == other and (marker != NO_MARKER).all():
+            names = [stored.names[index] for index in marker[::-1]]
+            both = zip(picked, names, strict=True)
+            return [blob_edit(AssignBlob, stored, row, frames, name) for row, name in both]
+    names = sorted(selected_markers(context))
+    if len(names) != 2:
+        words = f"the selection has {count_of(len(names), 'marker')}"
+        raise InputError(f"{words}; expected the two that have each other's names, picked with the tool Label")
+    return [Swap((names[0], names[1]), frames=frames)]
 
 
-class MOCAP_AUTOLABEL_OT_is_right(Corrects, bpy.types.Operator):
+@operator(of=Corrects, label="It Is Right")
+def is_right(_self, context, _stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
     """Say that the selected markers were looked at and are right: what is doubted of them is no longer asked."""
-
-    bl_label = "It Is Right"
-
-    def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        names = selected_markers(context)
-        if not names:
-            raise InputError("no marker is selected; expected those that are right, picked with the tool Label")
-        return [Right(name, frames=frames) for name in names]
+    names = selected_markers(context)
+    if not names:
+        raise InputError("no marker is selected; expected those that are right, picked with the tool Label")
+    return [Right(name, frames=frames) for name in names]
 
 
 class HasEdits(OfTake):
     """Operators on the edits that there are."""
 
-    needs = (
-        *OfTake.needs,
-        unless(lambda context: taken(context).edits, "Nothing was corrected"),
-    )
+    needs = (*OfTake.needs, unless(lambda context: taken(context).edits, "Nothing was corrected"))
 
 
-class MOCAP_AUTOLABEL_OT_remove_correction(HasEdits, bpy.types.Operator):
+@operator(of=HasEdits, index=once(IntProperty, "Index", "Which of the list, from 0", min=0))
+def remove_correction(self, context):
     """Take a correction back: the labels are as if it had never been made."""
-
-    index: once(IntProperty, "Index", "Which of the list, from 0", min=0)
-
-    def work(self, context):
-        refuse_other_lists(context)
-        edits = taken(context).edits
-        if self.index >= len(edits):
-            raise InputError(f"there is no correction {self.index + 1}; expected one of the {len(edits)} in the list")
-        correct(context, edits.without(self.index))
+    refuse_other_lists(context)
+    edits = taken(context).edits
+    if self.index >= len(edits):
+        raise InputError(f"there is no correction {self.index + 1}; expected one of the {len(edits)} in the list")
+    correct(context, edits.without(self.index))
 
 
 class MOCAP_AUTOLABEL_OT_clear_corrections(HasEdits, bpy.types.Operator):

@@ -100,12 +100,11 @@ class ExportsTake(LongWork, ToldWhere, WithTake):
         # Blender's own file browser has asked already whether to overwrite, of the file that it was told.
         return [(path, path == Path(self.filepath), *whose) for path, *whose in paths], read
 
-    def _show(self, _context, found: tuple[list[Path], list[str]]) -> set[str]:
+    def _show(self, _context, found: tuple[list[Path], list[str]]):
         paths, warnings = found
         for words in warnings:
             self.report({"WARNING"}, words)
         self.report({"INFO"}, f"Saved {', '.join(map(str, paths))}")
-        return {"FINISHED"}
 
     def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
         """What goes into a file of its own: a performer's name, empty for all of them, and the take of theirs."""
@@ -231,7 +230,7 @@ class ExportsPoints(ExportsPerformers):
         paths, warnings = found
         if self._more_is_left:
             warnings = [*warnings, "The points stand as the scene has them, so they were saved alone"]
-        return super()._show(context, (paths, warnings))
+        super()._show(context, (paths, warnings))
 
     def beside(self, path: Path) -> list[Path]:
         # An older list beside the file would speak of fills that are none any more.
@@ -373,10 +372,9 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
     open_after: BoolProperty(name="Open It", description="Show the page in the browser once it is saved", default=True)
 
     def _show(self, context, found):
-        done = super()._show(context, found)
+        super()._show(context, found)
         if self.open_after and not bpy.app.background:
             bpy.ops.wm.path_open(filepath=self.filepath)
-        return done
 
 
 # BVH has no unit: of each that is offered, how many are a metre.
@@ -420,8 +418,8 @@ class ExportsCharacter(ExportsPerformers):
         scale = BVH_UNITS.get(self.unit, 1.0)
         return partial(save_characters, self.filename_ext[1:], bodies, read, settings.bone_names, scale)
 
-    def _show(self, context, found: list[Path]) -> set[str]:
-        return super()._show(context, (found, []))
+    def _show(self, context, found: list[Path]):
+        super()._show(context, (found, []))
 
 
 class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):

@@ -26,7 +26,7 @@ from ..scene.performers import Performer
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
-from .base import OfTake, once, taken, takes_of_file, unless
+from .base import OfTake, once, operator, taken, takes_of_file, unless
 from .correcting import selected_markers
 from .listing import refuse_other_lists
 from .long_work import LongWork
@@ -195,62 +195,52 @@ class MOCAP_AUTOLABEL_OT_keep_fills(OfProposed, bpy.types.Operator):
         redraw("VIEW_3D")
 
 
-class MOCAP_AUTOLABEL_OT_discard_fills(OfProposed, bpy.types.Operator):
+@operator(of=OfProposed, options={"REGISTER"})  # nothing of the file is changed
+def discard_fills(self, context):
     """Leave the gaps that the preview shows filled."""
-
-    bl_options = {"REGISTER"}  # nothing of the file is changed
-
-    def work(self, context):
-        opened.drop_proposed(context.scene.mocap_autolabel.take, self.meant(context))
-        _show_proposed(context)
+    opened.drop_proposed(context.scene.mocap_autolabel.take, self.meant(context))
+    _show_proposed(context)
 
 
-class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
+@operator(
+    unless(lambda context: fills_text(context.scene.mocap_autolabel.take), "Nothing was filled"),
+    of=OfTake,
+    extent=extent_property("Which fills to take back"),
+    index=once(IntProperty, "Index", "Which of the list alone, from 0; -1 for the extent", default=-1),
+)
+def take_back_fills(self, context):
     """Make filled gaps gaps again."""
-
-    needs = (
-        *OfTake.needs,
-        unless(lambda context: fills_text(context.scene.mocap_autolabel.take), "Nothing was filled"),
-    )
-    extent: extent_property("Which fills to take back")
-    index: once(IntProperty, "Index", "Which of the list alone, from 0; -1 for the extent", default=-1)
-
-    def work(self, context):
-        stored, index = taken(context), self.index
-        if index >= 0:
-            refuse_other_lists(context)
-            gone = [index] if index < len(stored.fills) else []
-        else:
-            markers, frame = wanted_markers(context, stored, self.extent), stored.clock.at(context.scene.frame_float)
-            names = None if markers is None else [stored.names[marker] for marker in markers]
-            mine = [(at, fill) for at, fill in enumerate(stored.fills) if names is None or fill.marker in names]
-            gone = [number for number, fill in mine if self.extent != "GAP" or fill.first <= frame <= fill.last]
-        if not gone:
-            raise InputError("nothing that was filled is there; expected a filled gap")
-        left = [fill for number, fill in enumerate(stored.fills) if number not in gone]
-        opened.drop_proposed(context.scene.mocap_autolabel.take, [stored.fills[number] for number in gone])
-        keep_and_show(context, partial(keep_fills, fills=left))
-        self.report({"INFO"}, f"{count_of(len(gone), 'fill')} taken back")
+    stored, index = taken(context), self.index
+    if index >= 0:
+        refuse_other_lists(context)
+        gone = [index] if index < len(stored.fills) else []
+    else:
+        markers, frame = wanted_markers(context, stored, self.extent), stored.clock.at(context.scene.frame_float)
+        names = None if markers is None else [stored.names[marker] for marker in markers]
+        mine = [(at, fill) for at, fill in enumerate(stored.fills) if names is None or fill.marker in names]
+        gone = [number for number, fill in mine if self.extent != "GAP" or fill.first <= frame <= fill.last]
+    if not gone:
+        raise InputError("nothing that was filled is there; expected a filled gap")
+    left = [fill for number, fill in enumerate(stored.fills) if number not in gone]
+    opened.drop_proposed(context.scene.mocap_autolabel.take, [stored.fills[number] for number in gone])
+    keep_and_show(context, partial(keep_fills, fills=left))
+    self.report({"INFO"}, f"{count_of(len(gone), 'fill')} taken back")
 
 
-class MOCAP_AUTOLABEL_OT_smooth(OfTake, bpy.types.Operator):
+@operator(of=OfTake)
+def smooth(_self, context):
     """Smooth markers and body by a Butterworth filter without lag, each stretch between gaps alone; labels stay."""
-
-    def work(self, context):
-        stored, cutoff = taken(context), context.scene.mocap_autolabel.filling.cutoff
-        smoothed(stored.motion.markers[:0], stored.rate, cutoff)  # before anything is kept that cannot be
-        keep_and_show(context, partial(keep_cutoff, cutoff=cutoff))
-        follow_soon()
+    stored, cutoff = taken(context), context.scene.mocap_autolabel.filling.cutoff
+    smoothed(stored.motion.markers[:0], stored.rate, cutoff)  # before anything is kept that cannot be
+    keep_and_show(context, partial(keep_cutoff, cutoff=cutoff))
+    follow_soon()
 
 
-class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
+@operator(
+    unless(lambda context: kept_cutoff(context.scene.mocap_autolabel.take) is not None, "Nothing is smoothed"),
+    of=OfTake,
+)
+def take_back_smoothing(_self, context):
     """Show and export markers and body as they were measured again."""
-
-    needs = (
-        *OfTake.needs,
-        unless(lambda context: kept_cutoff(context.scene.mocap_autolabel.take) is not None, "Nothing is smoothed"),
-    )
-
-    def work(self, context):
-        keep_and_show(context, partial(keep_cutoff, cutoff=None))
-        follow_soon()
+    keep_and_show(context, partial(keep_cutoff, cutoff=None))
+    follow_soon()

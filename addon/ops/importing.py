@@ -29,7 +29,7 @@ from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import is_take
 from ..scene.timing import OWN_FIRST, follow_rate, give_time, kept_clock, set_time
-from .base import Ours, once, reason_of, unless
+from .base import Ours, once, operator, reason_of, unless
 from .viewing import MAX_PLACES, fit_timelines, open_sidebar, show_take_whole
 
 BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.tsv;*.csv;*.qtm"
@@ -59,6 +59,8 @@ class ImportsFile(Ours, ImportHelper):
     They differ in `take_in`, which makes a file part of the scene and says what is in it; UserError if it cannot.
     """
 
+    differs_in = "take_in"
+
     filepath: once(StringProperty, "File", "The file to read", subtype="FILE_PATH")
 
     def invoke(self, context, event):
@@ -70,15 +72,15 @@ class ImportsFile(Ours, ImportHelper):
         self.report({"INFO"}, self.take_in(context, Path(self.filepath)))
 
 
-class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
+@operator(
+    of=ImportsFile,
+    label="Import Calibration",
+    filter_glob=StringProperty(default=CALIBRATIONS.replace(".", "*."), options={"HIDDEN"}, maxlen=255),
+    up=once(EnumProperty, "Up", "The axis that points up in the calibration", items=UP_ITEMS),
+)
+def import_cameras(self, context, path: Path) -> str:
     """Read a camera calibration and add its cameras to the scene."""
-
-    bl_label = "Import Calibration"
-    filter_glob: StringProperty(default=CALIBRATIONS.replace(".", "*."), options={"HIDDEN"}, maxlen=255)
-    up: once(EnumProperty, "Up", "The axis that points up in the calibration", items=UP_ITEMS)
-
-    def take_in(self, context, path: Path) -> str:
-        return take_cameras(context, path, None if self.up == "AUTO" else self.up)
+    return take_cameras(context, path, None if self.up == "AUTO" else self.up)
 
 
 def take_cameras(context: bpy.types.Context, path: Path, up: str | None = None) -> str:
@@ -88,28 +90,20 @@ def take_cameras(context: bpy.types.Context, path: Path, up: str | None = None) 
     return "; ".join([f"{count_of(len(cameras), 'camera')}: {', '.join(cameras.names)}", *cameras.remarks])
 
 
-class MOCAP_AUTOLABEL_OT_use_cameras(Ours, bpy.types.Operator):
+@operator(NEEDS_CAMERA, label="Use the Scene's Cameras")
+def use_cameras(self, context):
     """Take the cameras of this scene as they stand for the ones that recorded the take."""
-
-    bl_label = "Use the Scene's Cameras"
-
-    needs = (NEEDS_CAMERA,)
-
-    def work(self, context):
-        collection = scene_cameras.adopt_cameras(context.scene)
-        context.scene.mocap_autolabel.source.cameras = collection
-        self.report({"INFO"}, count_of(len(collection.objects), "camera"))
+    collection = scene_cameras.adopt_cameras(context.scene)
+    context.scene.mocap_autolabel.source.cameras = collection
+    self.report({"INFO"}, count_of(len(collection.objects), "camera"))
 
 
-class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
+@operator(of=ImportsFile, filter_glob=StringProperty(default=BLOBS, options={"HIDDEN"}))
+def import_blobs(_self, context, path: Path) -> str:
     """Choose the file of the blobs to label, and look at them through the cameras, which a .qtm brings itself."""
-
-    filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
-
-    def take_in(self, context, path: Path) -> str:
-        if holds_points(path, USE_BLOBS if is_qtm(path) else None):
-            raise InputError("holds 3D points; expected blobs, or Open Take", path)
-        return take_blobs(context, path)
+    if holds_points(path, USE_BLOBS if is_qtm(path) else None):
+        raise InputError("holds 3D points; expected blobs, or Open Take", path)
+    return take_blobs(context, path)
 
 
 class ReadsPoints:
@@ -419,20 +413,17 @@ def clock_of(source: bpy.types.PropertyGroup) -> TakeClock:
     return TakeClock.of(np.array([source.first_frame, source.last_frame]), source.at_1)
 
 
-class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
+@operator(label="Play as the Take")
+def play_as_take(self, context):
     """Give the scene the take's rate, so that each frame is one of the take; what you animated keeps its frames."""
-
-    bl_label = "Play as the Take"
-
-    def work(self, context):
-        scene, settings = context.scene, context.scene.mocap_autolabel
-        if is_take(settings.take):
-            stored = opened.take(settings.take, scene)
-            rate, frames = stored.rate, stored.motion.frames + stored.clock.shift
-        else:
-            rate, ends = settings.source.rate, [settings.source.first_frame, settings.source.last_frame]
-            frames = np.array(ends) + clock_of(settings.source).shift
-        tell_left(self, context, set_time(scene, rate, frames))
+    scene, settings = context.scene, context.scene.mocap_autolabel
+    if is_take(settings.take):
+        stored = opened.take(settings.take, scene)
+        rate, frames = stored.rate, stored.motion.frames + stored.clock.shift
+    else:
+        rate, ends = settings.source.rate, [settings.source.first_frame, settings.source.last_frame]
+        frames = np.array(ends) + clock_of(settings.source).shift
+    tell_left(self, context, set_time(scene, rate, frames))
 
 
 class MOCAP_AUTOLABEL_OT_follow_rate(Ours, bpy.types.Operator):

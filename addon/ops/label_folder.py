@@ -20,7 +20,7 @@ from ..jobs.pages import SUMMARY_TABLE
 from ..props import SceneSettings, list_rows, subjects_asked
 from ..scene import cameras as scene_cameras
 from ..scene.redrawing import redraw
-from .base import Ours, unless
+from .base import Ours, operator, unless
 from .importing import cameras_at_hand
 from .labelling import in_sidebar
 
@@ -160,79 +160,63 @@ def leave_batch():
         _latest.pop().leave()
 
 
-class MOCAP_AUTOLABEL_OT_label_folder(Ours, bpy.types.Operator):
+@operator(
+    unless(lambda _: not going_on(), "Another folder is being labelled"),
+    unless(lambda context: context.scene.mocap_autolabel.folder.path, "Choose the folder of the takes first"),
+    unless(lambda context: context.scene.mocap_autolabel.folder.out, "Choose the folder for the results first"),
+)
+def label_folder(_self, context):
     """Label the takes of a folder in the background, but for those that are done already; go on working meanwhile."""
-
-    needs = (
-        unless(lambda _: not going_on(), "Another folder is being labelled"),
-        unless(lambda context: context.scene.mocap_autolabel.folder.path, "Choose the folder of the takes first"),
-        unless(lambda context: context.scene.mocap_autolabel.folder.out, "Choose the folder for the results first"),
-    )
-
-    def work(self, context):
-        settings, scene = context.scene.mocap_autolabel, context.scene
-        line, table, blobs = folder_line(settings)
-        cameras = scene_cameras.cameras_of(settings.source.cameras, scene) if blobs else None
-        _latest[:] = [FolderBatch(line, table, cameras)]
-        if not bpy.app.background:
-            show_batch()
-            # A take may be opened meanwhile.
-            bpy.app.timers.register(follow, first_interval=FOLLOWED_EVERY, persistent=True)
-            return
-        while follow() is not None:
-            time.sleep(FOLLOWED_EVERY)
-        if _latest[0].trouble:
-            raise _latest[0].trouble
+    settings, scene = context.scene.mocap_autolabel, context.scene
+    line, table, blobs = folder_line(settings)
+    cameras = scene_cameras.cameras_of(settings.source.cameras, scene) if blobs else None
+    _latest[:] = [FolderBatch(line, table, cameras)]
+    if not bpy.app.background:
+        show_batch()
+        # A take may be opened meanwhile.
+        bpy.app.timers.register(follow, first_interval=FOLLOWED_EVERY, persistent=True)
+        return
+    while follow() is not None:
+        time.sleep(FOLLOWED_EVERY)
+    if _latest[0].trouble:
+        raise _latest[0].trouble
 
 
-class MOCAP_AUTOLABEL_OT_stop_folder(Ours, bpy.types.Operator):
+@operator(label="Stop Label Folder", options={"INTERNAL"})
+def stop_folder(_self, _context):
     """Stop labelling the folder; takes that are done stay, and Label Folder goes on from there."""
-
-    bl_label = "Stop Label Folder"
-    bl_options = {"INTERNAL"}
-
-    def work(self, context):
-        if batch := going_on():
-            batch.stop()
+    if batch := going_on():
+        batch.stop()
 
 
 class OfFolderTake(Ours):
     """An operator on a take of the list, that opens a file beside the table."""
 
-    index: IntProperty(name="Take", description="Which row of the list", options={"HIDDEN", "SKIP_SAVE"})
-    ending = ""
+    bl_options = {"INTERNAL"}
 
-    def found(self, context) -> Path:
+    index: IntProperty(name="Take", description="Which row of the list", options={"HIDDEN", "SKIP_SAVE"})
+
+    def found(self, context, ending: str) -> str:
         state = context.window_manager.mocap_autolabel
         if not 0 <= self.index < len(state.folder_takes):
             raise InputError("no take is chosen; expected one of the list")
-        path = Path(state.folder_results, state.folder_takes[self.index].name + self.ending)
+        path = Path(state.folder_results, state.folder_takes[self.index].name + ending)
         if not path.is_file():
             raise InputError("is not there; expected a take that Label Folder labelled", path)
-        return path
+        return str(path)
 
 
-class MOCAP_AUTOLABEL_OT_open_folder_take(OfFolderTake, bpy.types.Operator):
+@operator(of=OfFolderTake, label="Open Labelled")
+def open_folder_take(self, context):
     """Open the labelled take in the place of this file, which is asked about where it has changes."""
-
-    bl_label = "Open Labelled"
-    bl_options = {"INTERNAL"}
-    ending = ".blend"
-
-    def work(self, context):
-        path = str(self.found(context))
-        if bpy.app.background:
-            bpy.ops.wm.open_mainfile(filepath=path)
-        else:
-            bpy.ops.wm.open_mainfile("INVOKE_DEFAULT", filepath=path, display_file_selector=False)
+    path = self.found(context, ".blend")
+    if bpy.app.background:
+        bpy.ops.wm.open_mainfile(filepath=path)
+    else:
+        bpy.ops.wm.open_mainfile("INVOKE_DEFAULT", filepath=path, display_file_selector=False)
 
 
-class MOCAP_AUTOLABEL_OT_open_folder_page(OfFolderTake, bpy.types.Operator):
+@operator(of=OfFolderTake, label="Open Page")
+def open_folder_page(self, context):
     """Show the take's page in the browser."""
-
-    bl_label = "Open Page"
-    bl_options = {"INTERNAL"}
-    ending = ".report.html"
-
-    def work(self, context):
-        bpy.ops.wm.path_open(filepath=str(self.found(context)))
+    bpy.ops.wm.path_open(filepath=self.found(context, ".report.html"))

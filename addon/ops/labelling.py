@@ -166,7 +166,7 @@ class LabelsTake(LongWork):
         """What it is refused for, with the button's words for what can be done about it."""
         return type(error)(in_sidebar(error.message), error.file or self._job.source, error.line)
 
-    def _show(self, context, found: tuple[Labelled, tuple[Change, ...] | None]) -> set[str]:
+    def _show(self, context, found: tuple[Labelled, tuple[Change, ...] | None]):
         job, (labelled, _) = self._job, found
         doubts = tuple(labelled.report.get("camera_doubts", ()))
         # An empty list that was given stays one: what lies beside the take was taken back in the scene.
@@ -198,7 +198,6 @@ class LabelsTake(LongWork):
         yours, changed = persons_in(settings.take), summary_of_changes(kept_changes(settings.take))
         words += f"; kept in {settings.take.name}: {yours}" if yours else ""
         self.report({"INFO"}, words + (f"; {changed} than before" if changed else ""))
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
@@ -237,11 +236,10 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
             raise
         return partial(label_to_show, self._job)
 
-    def _show(self, context, found) -> set[str]:
-        done = LabelsTake._show(self, context, found)
+    def _show(self, context, found):
+        LabelsTake._show(self, context, found)
         if self.markerset:
             choose_model(context.scene.mocap_autolabel.subjects, self.markerset)
-        return done
 
     def _said(self, context, error: UserError) -> UserError:
         """The sidebar knows why a take is refused."""

@@ -30,7 +30,7 @@ from ..scene.armature import bone_tails, build_of, segment_sides
 from ..scene.live_rig import MovedRig
 from ..scene.redrawing import redraw
 from ..scene.take import Take
-from .base import Ours, reason_of, unless
+from .base import operator, reason_of, unless
 
 if TYPE_CHECKING:
     from ..jobs.live import LiveJob
@@ -318,42 +318,32 @@ def live_job(settings: SceneSettings) -> "LiveJob":
 goes_on = unless(lambda _: _going, "Connect first")
 
 
-class MOCAP_AUTOLABEL_OT_connect(Ours, bpy.types.Operator):
+@operator(
+    unless(lambda _: not _going, "A stream is being named already"),
+    unless(lambda context: context.scene.mocap_autolabel.live.source.strip(), "Say where the stream comes from"),
+    options={"INTERNAL"},
+)
+def connect(_self, context):
     """Name what a capture program streams by the chosen marker set, and show it in the 3D views."""
-
-    bl_options = {"INTERNAL"}
-    needs = (
-        unless(lambda _: not _going, "A stream is being named already"),
-        unless(lambda context: context.scene.mocap_autolabel.live.source.strip(), "Say where the stream comes from"),
-    )
-
-    def work(self, context):
-        settings = context.scene.mocap_autolabel
-        job = live_job(settings)
-        _going.append(WatchedStream(job, job.worn if job.several else open_markerset(job.model)))
-        _ended.clear()
-        bpy.app.timers.register(follow_live, persistent=True)
+    settings = context.scene.mocap_autolabel
+    job = live_job(settings)
+    _going.append(WatchedStream(job, job.worn if job.several else open_markerset(job.model)))
+    _ended.clear()
+    bpy.app.timers.register(follow_live, persistent=True)
 
 
-class MOCAP_AUTOLABEL_OT_record(Ours, bpy.types.Operator):
+@operator(
+    goes_on,
+    unless(lambda _: _going[0].out, "Choose the folder for recordings, then connect again"),
+    unless(lambda _: not _going[0].recording, "It is being recorded"),
+    options={"INTERNAL"},
+)
+def record(_self, _context):
     """Keep all frames from now on, as they come and with their names, until Stop Live makes them a take."""
-
-    bl_options = {"INTERNAL"}
-    needs = (
-        goes_on,
-        unless(lambda _: _going[0].out, "Choose the folder for recordings, then connect again"),
-        unless(lambda _: not _going[0].recording, "It is being recorded"),
-    )
-
-    def work(self, context):
-        _going[0].record()
+    _going[0].record()
 
 
-class MOCAP_AUTOLABEL_OT_stop_live(Ours, bpy.types.Operator):
+@operator(goes_on, options={"INTERNAL"})
+def stop_live(_self, _context):
     """End the stream; what was recorded becomes a take, which is labelled as a whole in the background."""
-
-    bl_options = {"INTERNAL"}
-    needs = (goes_on,)
-
-    def work(self, context):
-        _going[0].stop()
+    _going[0].stop()

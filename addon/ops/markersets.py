@@ -30,7 +30,7 @@ from ..scene.markerset_edit import (
     show_markerset,
     take_advice,
 )
-from .base import Ours, ToldWhere, lacks_object_mode, unless
+from .base import Ours, ToldWhere, lacks_object_mode, operator, unless
 from .long_work import LongWork
 
 
@@ -61,17 +61,12 @@ class MOCAP_AUTOLABEL_OT_open_markerset(Ours, ImportHelper, bpy.types.Operator):
         self.report({"INFO"}, f"{markerset.name}: {len(markerset)} markers")
 
 
-class MOCAP_AUTOLABEL_OT_edit_markerset(Ours, bpy.types.Operator):
+@operator(lacks_object_mode, label="Show and Edit")
+def edit_markerset(_self, context):
     """Lay the marker set out in the rest pose, to move its markers and capsules and attach them to other bones."""
-
-    bl_label = "Show and Edit"
-
-    needs = (lacks_object_mode,)
-
-    def work(self, context):
-        subjects = context.scene.mocap_autolabel.subjects
-        source = subjects.markerset_path if subjects.markerset == OWN_FILE else chosen_model(subjects)
-        show_markerset(context, chosen_markerset(subjects), source)
+    subjects = context.scene.mocap_autolabel.subjects
+    source = subjects.markerset_path if subjects.markerset == OWN_FILE else chosen_model(subjects)
+    show_markerset(context, chosen_markerset(subjects), source)
 
 
 class MOCAP_AUTOLABEL_OT_reattach(Laid, bpy.types.Operator):

@@ -22,7 +22,7 @@ from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, n
 from ..scene.roots import placed
 from ..scene.stored import Stored
 from ..scene.take import holds_points, is_hidden, is_take
-from .base import OfTake, PicksOfTake, once, reports_trouble, taken
+from .base import OfTake, PicksOfTake, once, operator, reports_trouble, taken
 from .gestures import Drags, gesture, place_in, window_region
 from .listing import lists_follow
 
@@ -252,11 +252,7 @@ class MOCAP_AUTOLABEL_OT_pick_region(Drags, Picks, bpy.types.Operator):
         _pick_dots(context, stored, dots, found, self.mode)
 
 
-class MOCAP_AUTOLABEL_OT_pick_none(PicksOfTake, bpy.types.Operator):
+@operator(of=PicksOfTake, label="Pick Nothing", options={"INTERNAL"})
+def pick_none(_self, context):
     """Pick nothing any more."""
-
-    bl_label = "Pick Nothing"
-    bl_options = {"INTERNAL"}
-
-    def work(self, context):
-        show_picked(context, taken(context), [])
+    show_picked(context, taken(context), [])

@@ -31,7 +31,7 @@ from ..scene.playing import (
 )
 from ..scene.relabelled import keep_changes
 from ..scene.roots import put_where
-from .base import Ours, once, unless
+from .base import Ours, once, operator, unless
 from .importing import forget_take
 from .labelling import LabelsTake, choose_job, edits_so_far
 
@@ -55,24 +55,19 @@ class OfPlayed(Ours):
         return found
 
 
-class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
+@operator(of=OfPlayed, label="Next to Look at", back=once(BoolProperty, "Back", "To those before"))
+def next_suspect(self, context):
     """Go to the next frames of the take that its report says to look at."""
-
-    bl_label = "Next to Look at"
-
-    back: once(BoolProperty, "Back", "To those before")
-
-    def work(self, context):
-        now = context.scene.frame_current
-        rows = suspects_of(self.played(context))
-        later = [row for row in rows if (row[0] < now if self.back else row[0] > now)]
-        if not later:
-            self.report({"INFO"}, f"Nothing is left to look at {'before' if self.back else 'after'} here")
-            return {"CANCELLED"}
-        first, _, _ = (max if self.back else min)(later)
-        context.scene.frame_set(first)
-        self.report({"INFO"}, "; ".join(reason for begin, _, reason in later if begin == first))
-        return {"FINISHED"}
+    now = context.scene.frame_current
+    rows = suspects_of(self.played(context))
+    later = [row for row in rows if (row[0] < now if self.back else row[0] > now)]
+    if not later:
+        self.report({"INFO"}, f"Nothing is left to look at {'before' if self.back else 'after'} here")
+        return {"CANCELLED"}
+    first, _, _ = (max if self.back else min)(later)
+    context.scene.frame_set(first)
+    self.report({"INFO"}, "; ".join(reason for begin, _, reason in later if begin == first))
+    return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
@@ -122,7 +117,7 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         if self._job.cameras is not None:
             settings.source.cameras = scene_cameras.find_or_add_cameras(context.scene, self._job.cameras)
         choose_job(settings, self._job, self._ends)
-        done = super()._show(context, found)
+        super()._show(context, found)
         put_where(settings.take, played)
         played.hide_viewport = True  # the part moves in the same place
         if changed is not None:
@@ -130,7 +125,6 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
             refresh_review(context.window_manager, context.scene)
             summary = summary_of_changes(changed) or "Nothing is otherwise"
             self.report({"INFO"}, f"{summary} than where all of the take was labelled")
-        return done
 
 
 class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):

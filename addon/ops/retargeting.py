@@ -10,12 +10,12 @@ from bpy.props import StringProperty
 from ..core.data.errors import InputError
 from ..core.data.wording import count_of
 from ..core.retarget.matching import FINGER_PARTS, PARTS, match_bones, match_map
-from ..io.bone_maps import read_bone_map
+from ..io import bone_maps
 from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
 from ..scene.retargeting import freed_by, is_rig, matched_before, rest_bones, retarget_take
 from ..scene.stored import alone
-from .base import Ours, lacks_take, taken, unless
+from .base import Ours, lacks_take, operator, taken, unless
 from .importing import ImportsFile
 from .reposing import follow_now
 
@@ -38,28 +38,25 @@ def _keep(rig: bpy.types.Object, matched: Mapping[str, str]):
         row.name, row.bone = part, matched.get(part, "")
 
 
-class MOCAP_AUTOLABEL_OT_retarget(Ours, bpy.types.Operator):
+@operator(lacks_take, lacks_rig, lacks_mode)
+def retarget(self, context):
     """Give the active rig an action that moves it as the take's body: any names, proportions and rest pose."""
-
-    needs = (lacks_take, lacks_rig, lacks_mode)
-
-    def work(self, context):
-        rig, collection = active_rig(context), context.scene.mocap_autolabel.take
-        own = rig.mocap_autolabel
-        if not own.bones:
-            _keep(rig, matched_before(rig) or match_bones(rest_bones(rig)))
-        follow_now(context)
-        stored = taken(context)
-        performer = next((one for one in stored.performers if one.name == own.performer), stored.performers[0])
-        home = homes(collection).get(performer.name, collection)
-        matched = {row.name: row.bone for row in own.bones if row.bone}
-        action = retarget_take(context, rig, home, alone(stored, performer), matched, own.keep_feet, own.keep_hands)
-        freed = freed_by(action)
-        off = f", and leaves {count_of(freed, 'constraint')} of its bones without influence" if freed else ""
-        keyed = f", keyed for the scene's {fps_of(context.scene):g} frames a second"
-        speed = "" if plays_at(context.scene, stored.rate) else keyed
-        words = f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body"
-        self.report({"INFO"}, f"{words}{speed}{off}")
+    rig, collection = active_rig(context), context.scene.mocap_autolabel.take
+    own = rig.mocap_autolabel
+    if not own.bones:
+        _keep(rig, matched_before(rig) or match_bones(rest_bones(rig)))
+    follow_now(context)
+    stored = taken(context)
+    performer = next((one for one in stored.performers if one.name == own.performer), stored.performers[0])
+    home = homes(collection).get(performer.name, collection)
+    matched = {row.name: row.bone for row in own.bones if row.bone}
+    action = retarget_take(context, rig, home, alone(stored, performer), matched, own.keep_feet, own.keep_hands)
+    freed = freed_by(action)
+    off = f", and leaves {count_of(freed, 'constraint')} of its bones without influence" if freed else ""
+    keyed = f", keyed for the scene's {fps_of(context.scene):g} frames a second"
+    speed = "" if plays_at(context.scene, stored.rate) else keyed
+    words = f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body"
+    self.report({"INFO"}, f"{words}{speed}{off}")
 
 
 class MOCAP_AUTOLABEL_OT_match_bones(Ours, bpy.types.Operator):
@@ -74,16 +71,12 @@ class MOCAP_AUTOLABEL_OT_match_bones(Ours, bpy.types.Operator):
         _keep(active_rig(context), matched)
 
 
-class MOCAP_AUTOLABEL_OT_read_bone_map(ImportsFile, bpy.types.Operator):
+@operator(lacks_rig, of=ImportsFile, filter_glob=StringProperty(default="*.bmap;*.json", options={"HIDDEN"}))
+def read_bone_map(_self, context, path: Path) -> str:
     """Take the bones of the active rig from a map of Auto-Rig Pro (.bmap) or KeeMap (.json) that drives it."""
-
-    needs = (lacks_rig,)
-    filter_glob: StringProperty(default="*.bmap;*.json", options={"HIDDEN"})
-
-    def take_in(self, context, path: Path) -> str:
-        matched, rig = match_map(read_bone_map(path)), active_rig(context)
-        matched = {part: bone for part, bone in matched.items() if bone in rig.data.bones}
-        if not matched:
-            raise InputError(f"names no bone of {rig.name}; expected a map onto this rig", path)
-        _keep(rig, matched)
-        return f"{len(matched)} parts of the body have a bone of {rig.name}"
+    matched, rig = match_map(bone_maps.read_bone_map(path)), active_rig(context)
+    matched = {part: bone for part, bone in matched.items() if bone in rig.data.bones}
+    if not matched:
+        raise InputError(f"names no bone of {rig.name}; expected a map onto this rig", path)
+    _keep(rig, matched)
+    return f"{len(matched)} parts of the body have a bone of {rig.name}"

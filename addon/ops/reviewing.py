@@ -14,7 +14,7 @@ from ..scene.cameras import camera_name
 from ..scene.roots import in_world
 from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
-from .base import WithTake, lacks_own_take, lacks_take, once, taken
+from .base import WithTake, lacks_own_take, once, operator, taken
 from .correcting import correct
 from .listing import is_listed, list_here, refuse_other_lists
 from .picking import dots_here, show_picked
@@ -120,66 +120,52 @@ class OfTrouble(WithTake):
         return found[self.index]
 
 
-class MOCAP_AUTOLABEL_OT_show_trouble(OfTrouble, bpy.types.Operator):
+@operator(of=OfTrouble, label="Show")
+def show_trouble(self, context):
     """Go to the frame, select what is meant, light it up and bring it into view."""
-
-    bl_label = "Show"
-
-    def work(self, context):
-        trouble = self.trouble(context)
-        go_to(context.window_manager.mocap_autolabel, self.index)
-        show(context, trouble)
+    trouble = self.trouble(context)
+    go_to(context.window_manager.mocap_autolabel, self.index)
+    show(context, trouble)
 
 
-class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
+@operator(of=OfTrouble, back=once(BoolProperty, "Back", "To the one before"))
+def next_trouble(self, context):
     """Go to the next trouble that is listed and open."""
-
-    back: once(BoolProperty, "Back", "To the one before")
-
-    def work(self, context):
-        list_here(context)
-        list_trouble()  # after a correction it comes a moment later, and its lines would not be those of the take
-        state = context.window_manager.mocap_autolabel
-        listed = [number for number, row in enumerate(state.troubles) if is_listed(state, row) and not row.answered]
-        if not listed:
-            self.report({"INFO"}, "Nothing is left to look at")
-            return {"CANCELLED"}
-        # The list may have gone along with what was picked since; the way through it goes on from where it was.
-        at = state.trouble_left if state.trouble_index == state.trouble_followed else state.trouble_index
-        at = min(at, len(state.troubles) - 1)
-        # What was answered or mended left its place to another one, and at first none was shown: that one is next.
-        here = not self.back and state.troubles[at].reason != state.trouble_shown
-        later = [number for number in listed if (number < at if self.back else number > at or (here and number == at))]
-        self.index = (later or listed)[-1 if self.back else 0]
-        go_to(state, self.index)
-        show(context, self.trouble(context))
-        return {"FINISHED"}
+    list_here(context)
+    list_trouble()  # after a correction it comes a moment later, and its lines would not be those of the take
+    state = context.window_manager.mocap_autolabel
+    listed = [number for number, row in enumerate(state.troubles) if is_listed(state, row) and not row.answered]
+    if not listed:
+        self.report({"INFO"}, "Nothing is left to look at")
+        return {"CANCELLED"}
+    # The list may have gone along with what was picked since; the way through it goes on from where it was.
+    at = state.trouble_left if state.trouble_index == state.trouble_followed else state.trouble_index
+    at = min(at, len(state.troubles) - 1)
+    # What was answered or mended left its place to another one, and at first none was shown: that one is next.
+    here = not self.back and state.troubles[at].reason != state.trouble_shown
+    later = [number for number in listed if (number < at if self.back else number > at or (here and number == at))]
+    self.index = (later or listed)[-1 if self.back else 0]
+    go_to(state, self.index)
+    show(context, self.trouble(context))
+    return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
+@operator(lacks_own_take, of=OfTrouble, label="It Is Right")
+def accept_trouble(self, context):
     """Say that it was looked at and is right as it is: it is not asked again, whatever is labelled again."""
-
-    bl_label = "It Is Right"
-    needs = (lacks_take, lacks_own_take)
-
-    def work(self, context):
-        correct(context, taken(context).edits.added(*self.trouble(context).answers()))
+    correct(context, taken(context).edits.added(*self.trouble(context).answers()))
 
 
-class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
+@operator(lacks_own_take, of=OfTrouble, label="Do That")
+def mend_trouble(self, context):
     """Do what is advised."""
-
-    bl_label = "Do That"
-    needs = (lacks_take, lacks_own_take)
-
-    def work(self, context):
-        trouble = self.trouble(context)
-        if edits := mending(trouble):
-            correct(context, taken(context).edits.added(*edits))
-            return {"FINISHED"}
-        if trouble.action not in BUTTONS:
-            raise InputError("nothing does that by itself; expected a person to look")
-        show(context, trouble)
-        # By their names, as those that are hidden cannot be selected.
-        given = {"extent": "MARKER", "markers": "\n".join(trouble.markers)} if trouble.action == FILL else {}
-        return getattr(bpy.ops.mocap_autolabel, BUTTONS[trouble.action][0])("INVOKE_DEFAULT", **given)
+    trouble = self.trouble(context)
+    if edits := mending(trouble):
+        correct(context, taken(context).edits.added(*edits))
+        return {"FINISHED"}
+    if trouble.action not in BUTTONS:
+        raise InputError("nothing does that by itself; expected a person to look")
+    show(context, trouble)
+    # By their names, as those that are hidden cannot be selected.
+    given = {"extent": "MARKER", "markers": "\n".join(trouble.markers)} if trouble.action == FILL else {}
+    return getattr(bpy.ops.mocap_autolabel, BUTTONS[trouble.action][0])("INVOKE_DEFAULT", **given)

@@ -13,7 +13,7 @@ from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.timing import pick_range, show_range
 from ..scene.trajectories import FOLDED, KeptRows, Runs
-from .base import Ours, PicksOfTake, WithTake, once, taken
+from .base import Ours, PicksOfTake, WithTake, once, operator, taken
 from .gestures import Drags, window_region
 from .picking import picked_points, selected_markers, show_picked
 from .viewing import fit_timelines
@@ -91,42 +91,42 @@ def frame_at(region: bpy.types.Region, x: float, clock: TakeClock) -> int:
 class OnTimeline(Ours):
     """Operators in an editor that shows the rows; elsewhere their keys are Blender's."""
 
+    bl_options = {"INTERNAL"}
+
     @classmethod
     def poll(cls, context):
         return timeline_shown(context)
 
 
-class MOCAP_AUTOLABEL_OT_timeline_pick(PicksOfTake, bpy.types.Operator):
+@operator(
+    of=PicksOfTake,
+    label="Pick in the Timeline",
+    marker=once(StringProperty, "Marker", "The marker to select"),
+    trajectory=once(IntProperty, "Trajectory", "Or the trajectory to pick", default=-1),
+    first=IntProperty(name="First", description="The file's number of the frame to go to, or the first of the range"),
+    last=IntProperty(name="Last", description="The last frame of the range; the first where only one is meant"),
+    extend=once(BoolProperty, "Extend", "Keep what is selected"),
+    options={"UNDO"},
+)  # with REGISTER, its panel would lie over the legend
+def timeline_pick(self, context):
     """Go to this frame of a marker or trajectory and pick it, or select a range of frames by dragging."""
-
-    bl_label = "Pick in the Timeline"
-    bl_options = {"UNDO"}  # with REGISTER, its panel would lie over the legend
-
-    marker: once(StringProperty, "Marker", "The marker to select")
-    trajectory: once(IntProperty, "Trajectory", "Or the trajectory to pick", default=-1)
-    first: IntProperty(name="First", description="The file's number of the frame to go to, or the first of the range")
-    last: IntProperty(name="Last", description="The last frame of the range; the first where only one is meant")
-    extend: once(BoolProperty, "Extend", "Keep what is selected")
-
-    def work(self, context):
-        scene, clock = context.scene, taken(context).clock
-        if self.first != self.last:
-            pick_range(scene, clock, self.first, self.last)
-        if self.first == self.last or not self.first <= clock.at(scene.frame_float) <= self.last:
-            clock.go_to(scene, self.first)
-        markers = selected_markers(context) if self.extend else []
-        points = picked_points(context) if self.extend else []
-        markers += [self.marker] if self.marker else []
-        points += [self.trajectory] if self.trajectory >= 0 else []
-        stored = taken(context)
-        show_picked(context, stored, points, [stored.names.index(name) for name in markers if name in stored.names])
+    scene, clock = context.scene, taken(context).clock
+    if self.first != self.last:
+        pick_range(scene, clock, self.first, self.last)
+    if self.first == self.last or not self.first <= clock.at(scene.frame_float) <= self.last:
+        clock.go_to(scene, self.first)
+    markers = selected_markers(context) if self.extend else []
+    points = picked_points(context) if self.extend else []
+    markers += [self.marker] if self.marker else []
+    points += [self.trajectory] if self.trajectory >= 0 else []
+    stored = taken(context)
+    show_picked(context, stored, points, [stored.names.index(name) for name in markers if name in stored.names])
 
 
 class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
     """Click a row to go there and pick; drag along it to select a range; a click on the short ones unfolds them."""
 
     bl_label = "Pick or Select a Range in the Timeline"
-    bl_options = {"INTERNAL"}
 
     extend: once(BoolProperty, "Extend", "Keep what is selected")
 
@@ -199,7 +199,6 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
     """Scroll the rows."""
 
     bl_label = "Scroll the Timeline"
-    bl_options = {"INTERNAL"}
 
     rows: FloatProperty(name="Rows", description="How many, down the list")
     on_names: once(BoolProperty, "On Names", "Only with the mouse on the names: on the rows the wheel zooms")
@@ -226,7 +225,6 @@ class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
     """Drag the rows and the time, as in any of Blender's editors."""
 
     bl_label = "Pan the Timeline"
-    bl_options = {"INTERNAL"}
 
     def invoke(self, context, event):
         if event.type == "TRACKPADPAN":
@@ -251,32 +249,24 @@ class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
         scroll_by(context, region, up / (ROW_HEIGHT * context.preferences.system.ui_scale))
 
 
-class MOCAP_AUTOLABEL_OT_show_timeline(WithTake, bpy.types.Operator):
+@operator(of=WithTake, label="Show in the Dope Sheet", options={"REGISTER"})
+def show_timeline(self, context):
     """Show every trajectory as a row over time, in a Dope Sheet: the one that there is, or the timeline made one."""
-
-    bl_label = "Show in the Dope Sheet"
-    bl_options = {"REGISTER"}
-
-    def work(self, context):
-        context.scene.mocap_autolabel.display.show_timeline = True
-        areas = [area for area in context.screen.areas if area.type == "DOPESHEET_EDITOR"] if context.screen else []
-        if areas and not any(area.spaces.active.mode == "DOPESHEET" for area in areas):
-            area = max(areas, key=lambda area: area.width * area.height)
-            area.ui_type = "DOPESHEET"
-            area.spaces.active.show_region_channels = True
-            fit_timelines(context)
-        if not areas:
-            self.report({"INFO"}, "Open a Dope Sheet to see it")
+    context.scene.mocap_autolabel.display.show_timeline = True
+    areas = [area for area in context.screen.areas if area.type == "DOPESHEET_EDITOR"] if context.screen else []
+    if areas and not any(area.spaces.active.mode == "DOPESHEET" for area in areas):
+        area = max(areas, key=lambda area: area.width * area.height)
+        area.ui_type = "DOPESHEET"
+        area.spaces.active.show_region_channels = True
+        fit_timelines(context)
+    if not areas:
+        self.report({"INFO"}, "Open a Dope Sheet to see it")
 
 
-class MOCAP_AUTOLABEL_OT_timeline_keys(OnTimeline, bpy.types.Operator):
+@operator(of=OnTimeline, label="Leave the Keys Below")
+def timeline_keys(self, _context):
     """Keys that lie below the rows are not seen, and follow the labels: what would change them does nothing here."""
-
-    bl_label = "Leave the Keys Below"
-    bl_options = {"INTERNAL"}
-
-    def work(self, context):
-        self.report({"INFO"}, "The markers' keys follow the labels. Turn Trajectories off to edit keys by hand")
+    self.report({"INFO"}, "The markers' keys follow the labels. Turn Trajectories off to edit keys by hand")
 
 
 # Of each event: its type, its modifiers, the operator of MOCAP_AUTOLABEL and its properties.

@@ -24,7 +24,7 @@ from ..io.text import written
 from ..prefs import markerset_folder, taught_by
 from ..props import ReviewState, SceneSettings, choose_own, chosen_markerset, chosen_model, own_model
 from ..scene.stored import Stored
-from .base import Need, Ours, lacks_one_performer, lacks_take, remove_chosen, taken, unless
+from .base import Need, Ours, lacks_one_performer, lacks_take, operator, remove_chosen, taken, unless
 from .importing import POINTS, ReadsPoints
 from .long_work import LongWork
 
@@ -59,15 +59,13 @@ class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, Ours, ImportHelper, bpy
         self.report({"INFO"}, f"{count_of(len(takes), 'take')} to learn from")
 
 
-class MOCAP_AUTOLABEL_OT_remove_training_take(Ours, bpy.types.Operator):
+@operator(
+    unless(lambda context: len(context.scene.mocap_autolabel.training.takes), "No take is in the list"),
+    label="Remove Take from the List",
+)
+def remove_training_take(_self, context):
     """Learn without the take that is chosen in the list."""
-
-    bl_label = "Remove Take from the List"
-
-    needs = (unless(lambda context: len(context.scene.mocap_autolabel.training.takes), "No take is in the list"),)
-
-    def work(self, context):
-        remove_chosen(context.scene.mocap_autolabel.training, "takes")
+    remove_chosen(context.scene.mocap_autolabel.training, "takes")
 
 
 class Trains(LongWork):
@@ -76,7 +74,7 @@ class Trains(LongWork):
     They differ in `job`, which says what to learn, and where to; UserError where nothing can be.
     """
 
-    doing, of_scene = "Training", False
+    differs_in, doing, of_scene = "job", "Training", False
 
     def asked(self, context):
         """The training, with who teaches the model for its history."""
@@ -115,69 +113,63 @@ def show_differences(state: ReviewState, report: dict):
         state.differences.add().name = words
 
 
-class MOCAP_AUTOLABEL_OT_adopt_model(Ours, bpy.types.Operator):
+@operator(
+    unless(lambda context: context.window_manager.mocap_autolabel.candidate, "Train a marker set on first"),
+    label="Adopt All the Same",
+    options={"REGISTER"},
+)
+def adopt_model(self, context):
     """Use the marker set that was trained on although known takes are named worse; the former one is kept beside it."""
+    from ..jobs.models import adopt
 
-    bl_label = "Adopt All the Same"
-    bl_options = {"REGISTER"}
-
-    needs = (unless(lambda context: context.window_manager.mocap_autolabel.candidate, "Train a marker set on first"),)
-
-    def work(self, context):
-        from ..jobs.models import adopt
-
-        state = context.window_manager.mocap_autolabel
-        out = adopt(Path(state.candidate))
-        state.candidate = ""
-        state.differences.clear()
-        choose_own(context.scene.mocap_autolabel.subjects, out)
-        self.report({"INFO"}, f"{out.name.removesuffix(SUFFIX)} is the one that was trained on")
+    state = context.window_manager.mocap_autolabel
+    out = adopt(Path(state.candidate))
+    state.candidate = ""
+    state.differences.clear()
+    choose_own(context.scene.mocap_autolabel.subjects, out)
+    self.report({"INFO"}, f"{out.name.removesuffix(SUFFIX)} is the one that was trained on")
 
 
-class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
+@operator(
+    unless(
+        lambda context: any(not row.kept for row in context.scene.mocap_autolabel.training.takes),
+        "Add labelled takes first",
+    ),
+    of=Trains,
+)
+def train(_self, _context, settings) -> "TrainJob":
     """Learn a marker set of your own from the labelled takes, save it and choose it."""
+    from ..jobs.training_takes import KnownBetter
 
-    needs = (
-        unless(
-            lambda context: any(not row.kept for row in context.scene.mocap_autolabel.training.takes),
-            "Add labelled takes first",
-        ),
+    rows = {Path(bpy.path.abspath(row.path)): row for row in settings.training.takes}
+    learned = {path: row for path, row in rows.items() if not row.kept}
+    base = own_model(settings.subjects) if settings.training.train_on else None
+    return replace(
+        _new_job(settings, base),
+        takes=tuple(learned),
+        search=None,
+        subjects=tuple((row.subject, glob.escape(path.as_posix())) for path, row in learned.items() if row.subject),
+        known={path: KnownBetter(row.up or None, row.rate or None) for path, row in rows.items()},
+        kept=tuple(path for path, row in rows.items() if row.kept),
     )
 
-    def job(self, context, settings) -> "TrainJob":
-        from ..jobs.training_takes import KnownBetter
 
-        rows = {Path(bpy.path.abspath(row.path)): row for row in settings.training.takes}
-        learned = {path: row for path, row in rows.items() if not row.kept}
-        base = own_model(settings.subjects) if settings.training.train_on else None
-        return replace(
-            _new_job(settings, base),
-            takes=tuple(learned),
-            search=None,
-            subjects=tuple((row.subject, glob.escape(path.as_posix())) for path, row in learned.items() if row.subject),
-            known={path: KnownBetter(row.up or None, row.rate or None) for path, row in rows.items()},
-            kept=tuple(path for path, row in rows.items() if row.kept),
-        )
-
-
-class MOCAP_AUTOLABEL_OT_learn_file(Trains, bpy.types.Operator):
+@operator(
+    unless(
+        lambda context: (source := context.scene.mocap_autolabel.source).points_path and source.named,
+        "Open a take of 3D points whose file names them",
+    ),
+    of=Trains,
+    label="Learn Its Markers",
+)
+def learn_file(_self, _context, settings) -> "TrainJob":
     """Learn a marker set of your own from the names in the file that is open, save it and choose it."""
+    from ..jobs.training_takes import KnownBetter
 
-    bl_label = "Learn Its Markers"
-    needs = (
-        unless(
-            lambda context: (source := context.scene.mocap_autolabel.source).points_path and source.named,
-            "Open a take of 3D points whose file names them",
-        ),
-    )
-
-    def job(self, context, settings) -> "TrainJob":
-        from ..jobs.training_takes import KnownBetter
-
-        source = settings.source
-        path = Path(bpy.path.abspath(source.points_path))
-        known = {path: KnownBetter(source.up or None, source.rate)}
-        return replace(_new_job(settings, name=path.stem), takes=(path,), known=known)
+    source = settings.source
+    path = Path(bpy.path.abspath(source.points_path))
+    known = {path: KnownBetter(source.up or None, source.rate)}
+    return replace(_new_job(settings, name=path.stem), takes=(path,), known=known)
 
 
 def _needs_take(first: str) -> tuple[Need, ...]:
@@ -185,48 +177,37 @@ def _needs_take(first: str) -> tuple[Need, ...]:
     return lambda context: (words := lacks_take(context)) and f"{words}, and {first}", lacks_one_performer
 
 
-class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
+@operator(*_needs_take("put the names of one frame right"), of=Trains, label="Learn from This Frame")
+def learn_frame(_self, context, settings) -> "TrainJob":
     """Learn a marker set of your own from the names in this frame: look first whether all of them are right."""
-
-    bl_label = "Learn from This Frame"
-    needs = _needs_take("put the names of one frame right")
-
-    def job(self, context, settings) -> "TrainJob":
-        stored, frame = taken(context), context.scene.frame_float
-        index = stored.index_here(frame)
-        named = np.flatnonzero(np.isfinite(stored.motion.markers[index, :, 0]))
-        if not len(named):
-            raise InputError(f"no marker is named in frame {frame:g}; expected one in which all are named and right")
-        names = tuple(stored.names[marker] for marker in named)
-        shown = _take_file(stored, names, stored.motion.markers[index : index + 1, named])
-        return replace(_new_job(settings), shown=(shown,))
+    stored, frame = taken(context), context.scene.frame_float
+    index = stored.index_here(frame)
+    named = np.flatnonzero(np.isfinite(stored.motion.markers[index, :, 0]))
+    if not len(named):
+        raise InputError(f"no marker is named in frame {frame:g}; expected one in which all are named and right")
+    names = tuple(stored.names[marker] for marker in named)
+    shown = _take_file(stored, names, stored.motion.markers[index : index + 1, named])
+    return replace(_new_job(settings), shown=(shown,))
 
 
-class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
+@operator(*_needs_take("correct it"), of=Trains, label="Learn from This Take")
+def learn_take(_self, context, settings) -> "TrainJob":
     """Learn from all of this take: names that you gave or answered, and those that nothing is asked about."""
+    # An own marker set goes on from what it knows, else a new one is made. All markers of the take's set stay in it.
+    # What was filled or placed was not measured, and what is doubtful and nobody looked at may be wrong.
+    from ..jobs.training_takes import refuse_doubtful
 
-    bl_label = "Learn from This Take"
-    needs = _needs_take("correct it")
-
-    def job(self, context, settings) -> "TrainJob":
-        """What was looked at of the take: an own marker set on from what it knows, else a new one.
-
-        All markers of the take's set stay in it. What was filled or placed was not measured, and what is doubtful and
-        nobody looked at may be wrong.
-        """
-        from ..jobs.training_takes import refuse_doubtful
-
-        stored = taken(context)
-        motion, names, base = stored.unfilled, stored.names, own_model(settings.subjects)
-        measured = np.where((motion.residual == 0)[..., None], np.nan, motion.markers)
-        doubts, words = (find_suspects(motion, names, stored.rate), stored.suspects), stored.words
-        asked = doubtful_samples(stored.rows, stored.labels, motion.frames, *doubts, names, stored.edits, words)
-        learned, unsure = learnable(measured, asked, names)
-        refuse_doubtful(learned)
-        if set(names) != set(chosen_markerset(settings.subjects).markers):
-            raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
-        shown, body = _take_file(stored, names, learned, unsure), chosen_model(settings.subjects)
-        return replace(_new_job(settings, base), markers=names, shown=(shown,), body=body)
+    stored = taken(context)
+    motion, names, base = stored.unfilled, stored.names, own_model(settings.subjects)
+    measured = np.where((motion.residual == 0)[..., None], np.nan, motion.markers)
+    doubts, words = (find_suspects(motion, names, stored.rate), stored.suspects), stored.words
+    asked = doubtful_samples(stored.rows, stored.labels, motion.frames, *doubts, names, stored.edits, words)
+    learned, unsure = learnable(measured, asked, names)
+    refuse_doubtful(learned)
+    if set(names) != set(chosen_markerset(settings.subjects).markers):
+        raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
+    shown, body = _take_file(stored, names, learned, unsure), chosen_model(settings.subjects)
+    return replace(_new_job(settings, base), markers=names, shown=(shown,), body=body)
 
 
 def _take_file(stored: Stored, names: tuple[str, ...], xyz: np.ndarray, doubts: Sequence[str] = ()) -> "TakeFile":

@@ -9,65 +9,56 @@ from bpy.props import FloatProperty, StringProperty
 
 from ..core.data.errors import InputError
 from ..props import refresh_review
-from ..scene.cameras import is_mocap_camera, look_through
+from ..scene import cameras as scene_cameras
 from ..scene.clock import set_moment
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
 from ..scene.take import is_take, remove_take
-from .base import Ours, WithTake, lacks_object_mode, once, taken, unless
+from .base import WithTake, lacks_object_mode, once, operator, taken, unless
 from .gestures import window_region
 from .picking import selected_markers, show_picked
 
 
-class MOCAP_AUTOLABEL_OT_look_through(Ours, bpy.types.Operator):
+@operator(camera=once(StringProperty, "Camera", "Name of the camera object"))
+def look_through(self, context):
     """Look through this camera, with its own picture size and pixels."""
-
-    camera: once(StringProperty, "Camera", "Name of the camera object")
-
-    def work(self, context):
-        camera = context.scene.objects.get(self.camera)
-        if not is_mocap_camera(camera):
-            words = f"{self.camera or 'nothing'} is not a calibrated camera of this scene"
-            raise InputError(f"{words}; expected one of those")
-        look_through(context.scene, camera)
-        if context.space_data is not None and context.space_data.type == "VIEW_3D":
-            context.space_data.region_3d.view_perspective = "CAMERA"
+    camera = context.scene.objects.get(self.camera)
+    if not scene_cameras.is_mocap_camera(camera):
+        words = f"{self.camera or 'nothing'} is not a calibrated camera of this scene"
+        raise InputError(f"{words}; expected one of those")
+    scene_cameras.look_through(context.scene, camera)
+    if context.space_data is not None and context.space_data.type == "VIEW_3D":
+        context.space_data.region_3d.view_perspective = "CAMERA"
 
 
-class MOCAP_AUTOLABEL_OT_jump(Ours, bpy.types.Operator):
+@operator(
+    label="Jump to Frame",
+    frame=FloatProperty(name="Frame", description="Frame to go to, or what part of one"),
+    marker=once(StringProperty, "Marker", "Marker to select"),
+)
+def jump(self, context):
     """Go to this frame, and select the marker if there is one to select."""
-
-    bl_label = "Jump to Frame"
-
-    frame: FloatProperty(name="Frame", description="Frame to go to, or what part of one")
-    marker: once(StringProperty, "Marker", "Marker to select")
-
-    def work(self, context):
-        set_moment(context.scene, self.frame)
-        collection = context.scene.mocap_autolabel.take
-        if self.marker and is_take(collection) and context.mode == "OBJECT":
-            stored = taken(context)
-            show_picked(context, stored, [], [stored.words[self.marker]] if self.marker in stored.words else [])
+    set_moment(context.scene, self.frame)
+    collection = context.scene.mocap_autolabel.take
+    if self.marker and is_take(collection) and context.mode == "OBJECT":
+        stored = taken(context)
+        show_picked(context, stored, [], [stored.words[self.marker]] if self.marker in stored.words else [])
 
 
-class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
+@operator(
+    unless(lambda context: is_take(context.scene.mocap_autolabel.take), "There is no labelled take in this scene"),
+    lacks_object_mode,
+    label="Remove Take",
+)
+def clear(self, context):
     """Remove the labelled take from the scene; its cameras and blobs stay, and so does all that you made or changed."""
-
-    bl_label = "Remove Take"
-
-    needs = (
-        unless(lambda context: is_take(context.scene.mocap_autolabel.take), "There is no labelled take in this scene"),
-        lacks_object_mode,
-    )
-
-    def work(self, context):
-        settings = context.scene.mocap_autolabel
-        collection, settings.take = settings.take, None
-        left = remove_take(collection, context.scene)
-        opened.forget_read()
-        refresh_review(context.window_manager, context.scene)
-        if left is not None:
-            self.report({"INFO"}, f"What is yours is kept in {left.name}: {persons_in(left) or 'collections'}")
+    settings = context.scene.mocap_autolabel
+    collection, settings.take = settings.take, None
+    left = remove_take(collection, context.scene)
+    opened.forget_read()
+    refresh_review(context.window_manager, context.scene)
+    if left is not None:
+        self.report({"INFO"}, f"What is yours is kept in {left.name}: {persons_in(left) or 'collections'}")
 
 
 TAB = "Mocap"
@@ -150,17 +141,13 @@ GRAPH_SHARE = 0.35  # of the 3D view that a graph takes
 GRAPH_ROOM = np.array([0.05, 0.25])  # of what is meant, along frames and values, that a graph shows beside it
 
 
-class MOCAP_AUTOLABEL_OT_show_graph(WithTake, bpy.types.Operator):
+@operator(of=WithTake, label="Show in the Graph Editor", options={"REGISTER"})
+def show_graph(_self, context):
     """Show x, y and z of the selected markers over time, with gaps and fills, in a Graph Editor below the view."""
-
-    bl_label = "Show in the Graph Editor"
-    bl_options = {"REGISTER"}
-
-    def work(self, context):
-        if not any(area.ui_type == "FCURVES" for area in context.screen.areas):
-            _add_graph(context)
-        frames = taken(context).motion.frames
-        fit_graphs(context, int(frames[0]), int(frames[-1]))
+    if not any(area.ui_type == "FCURVES" for area in context.screen.areas):
+        _add_graph(context)
+    frames = taken(context).motion.frames
+    fit_graphs(context, int(frames[0]), int(frames[-1]))
 
 
 def _add_graph(context: bpy.types.Context):

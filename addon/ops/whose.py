@@ -17,47 +17,41 @@ from ..props import OWN_FILE, USUAL_MARKERSET, choose_model, found_here, keeps_i
 from ..scene.opened import opened
 from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
-from .base import Ours, once, remove_chosen, unless
+from .base import once, operator, remove_chosen, unless
 from .correcting import Corrects, within
 from .picking import picked_points, selected_markers
 
 
-class MOCAP_AUTOLABEL_OT_add_performer(Ours, bpy.types.Operator):
-    """Add a performer to the list, in the chosen marker set."""
-
-    needs = (
-        unless(
-            lambda context: len(context.scene.mocap_autolabel.subjects.performers) < MAX_SUBJECTS,
-            f"Up to {MAX_SUBJECTS} performers can be asked for",
-        ),
+@operator(
+    unless(
+        lambda context: len(context.scene.mocap_autolabel.subjects.performers) < MAX_SUBJECTS,
+        f"Up to {MAX_SUBJECTS} performers can be asked for",
     )
+)
+def add_performer(_self, context):
+    """Add a performer to the list, in the chosen marker set."""
+    subjects = context.scene.mocap_autolabel.subjects
+    # As the marker set is called, where that is a person's own.
+    path = {OWN_FILE: subjects.markerset_path, AUTO_MODEL: found_here(subjects) or USUAL_MARKERSET}.get(
+        subjects.markerset, subjects.markerset
+    )
+    own = Path(bpy.path.abspath(path)).name.removesuffix(SUFFIX) if path.endswith(SUFFIX) else ""
+    in_use, number = {as_compared(row.name) for row in subjects.performers}, len(subjects.performers)
+    names = (own, *(f"performer{number}" for number in range(1, MAX_SUBJECTS + 2)))
+    name = next(name for name in names if is_subject_name(name) and as_compared(name) not in in_use)
+    row = subjects.performers.add()
+    row.name, row.colour = name, usual_colour(number)
+    if subjects.markerset == AUTO_MODEL:
+        choose_model(row, path)
+    else:
+        row.markerset, row.markerset_path = subjects.markerset, subjects.markerset_path
+    subjects.performer_index = number
 
-    def work(self, context):
-        subjects = context.scene.mocap_autolabel.subjects
-        # As the marker set is called, where that is a person's own.
-        path = {OWN_FILE: subjects.markerset_path, AUTO_MODEL: found_here(subjects) or USUAL_MARKERSET}.get(
-            subjects.markerset, subjects.markerset
-        )
-        own = Path(bpy.path.abspath(path)).name.removesuffix(SUFFIX) if path.endswith(SUFFIX) else ""
-        in_use, number = {as_compared(row.name) for row in subjects.performers}, len(subjects.performers)
-        names = (own, *(f"performer{number}" for number in range(1, MAX_SUBJECTS + 2)))
-        name = next(name for name in names if is_subject_name(name) and as_compared(name) not in in_use)
-        row = subjects.performers.add()
-        row.name, row.colour = name, usual_colour(number)
-        if subjects.markerset == AUTO_MODEL:
-            choose_model(row, path)
-        else:
-            row.markerset, row.markerset_path = subjects.markerset, subjects.markerset_path
-        subjects.performer_index = number
 
-
-class MOCAP_AUTOLABEL_OT_remove_performer(Ours, bpy.types.Operator):
+@operator(unless(lambda context: len(context.scene.mocap_autolabel.subjects.performers), "Nobody is in the list"))
+def remove_performer(_self, context):
     """Take the chosen performer out of the list."""
-
-    needs = (unless(lambda context: len(context.scene.mocap_autolabel.subjects.performers), "Nobody is in the list"),)
-
-    def work(self, context):
-        remove_chosen(context.scene.mocap_autolabel.subjects, "performers")
+    remove_chosen(context.scene.mocap_autolabel.subjects, "performers")
 
 
 @keeps_items

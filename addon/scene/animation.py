@@ -21,23 +21,12 @@ TIMED = "mocap_timed"  # on an action: for how many frames a second it is keyed,
 SET_BY_HAND, SET_BY_TOOL = 0, 5
 
 
-@dataclass(frozen=True)
-class KeyOptions:
-    """How keys are laid out and moved.
-
-    most_keys    that an action has before the next object's go into another. Blender copies an action whole whenever
-                 one of its keys moved, which takes 7 ms of a processor for a million (5.2): with an action for all of
-                 20,000 frames of 62 markers each correction would wait 35 ms for it. Takes of usual length fit in one
-    most_single  keys of a curve that are moved one by one; for more it is quicker to give all of them their places
-    most_removed  keys of a curve that are taken away one by one, 2 µs each; for more it is quicker to make all again
-    """
-
-    most_keys: int = 500_000
-    most_single: int = 300
-    most_removed: int = 1500
-
-
-KEYING = KeyOptions()
+# Those that an action has before the next object's go into another. Blender copies an action whole whenever one of its
+# keys moved, which takes 7 ms of a processor for a million (5.2): with an action for all of 20,000 frames of 62 markers
+# each correction would wait 35 ms for it. Takes of usual length fit in one.
+KEYS_AN_ACTION = 500_000
+MOST_SINGLE = 300  # keys of a curve that are moved one by one; for more it is quicker to give all of them their places
+MOST_REMOVED = 1500  # that are taken away one by one, 2 µs each; for more it is quicker to make all again
 # Values (F, n) by which something is keyed, NaN where it is not, and (F,) True where a tool made them up; None nowhere.
 Keyed = tuple[np.ndarray, np.ndarray | None]
 
@@ -53,7 +42,7 @@ class TakeActions:
 
     def for_keys(self, keys: int) -> bpy.types.Action:
         """The action that the next object's keys go into, which are so many."""
-        if self.action is None or self.keys + keys > KEYING.most_keys:
+        if self.action is None or self.keys + keys > KEYS_AN_ACTION:
             self.count, self.keys = self.count + 1, 0
             self.action = bpy.data.actions.new(self.name if self.count == 1 else f"{self.name} {self.count}")
             sign(self.action, f"action {self.count}")
@@ -143,14 +132,14 @@ def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before:
     was, now = np.isfinite(was_at).all(axis=1), np.isfinite(now_at).all(axis=1)
     curves = [bag.fcurves.find(path, index=index) for index in range(now_at.shape[1])]
     more = int(now.sum()) - int(was.sum())
-    if not now.any() or -more > KEYING.most_removed:
+    if not now.any() or -more > MOST_REMOVED:
         return False
     if any(curve is None or len(curve.keyframe_points) != was.sum() for curve in curves):
         return False
     kinds, were = _kinds(now_made, now), _kinds(was_made, was)
     retyped = bool(kinds.any() or were.any()) and not np.array_equal(kinds, were)
     rows = np.flatnonzero(((was_at != now_at) & now[:, None]).any(axis=1))
-    few = len(rows) <= KEYING.most_single and bool((was == now).all())
+    few = len(rows) <= MOST_SINGLE and bool((was == now).all())
     # The keys' handles, of which straight lines make nothing, stay until Blender sets them: `update`, which would,
     # takes twice as long as all the rest.
     places = np.empty((int(now.sum()), 2), np.float32)

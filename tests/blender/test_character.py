@@ -15,7 +15,6 @@ from addon.core.posing.character import BONE_NAMES
 from addon.scene import animation, naming
 from addon.scene import character as characters
 from addon.scene import take as takes
-from addon.scene.animation import KeyOptions
 from addon.scene.opened import Opened
 
 from .hands import ours, press, refused, stored_take
@@ -335,7 +334,8 @@ BEFORE = path(1, [(5, 9), (40, 44)])
 @pytest.mark.parametrize("most_single", [300, 1])
 @pytest.mark.parametrize("filled", [(None, None), ((22, 30), (22, 30)), ((22, 30), None), (None, (44, 55))])
 def test_moved_keys_are_those_that_keying_anew_makes(bag, after, most_single, filled, monkeypatch):
-    monkeypatch.setattr(animation, "KEYING", KeyOptions(most_single=most_single, most_removed=most_single))
+    monkeypatch.setattr(animation, "MOST_SINGLE", most_single)
+    monkeypatch.setattr(animation, "MOST_REMOVED", most_single)
     was, made = (None if span is None else (span[0] <= KEYED) & (span[1] > KEYED) for span in filled)
     animation.key(bag, "location", KEYED, BEFORE, "LKNE", was)
     moved = animation.move(bag, "location", KEYED, (BEFORE, was), (after, made))

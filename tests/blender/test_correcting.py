@@ -79,7 +79,8 @@ def test_a_take_of_another_file_is_not_changed_here_where_that_would_be_lost(lab
 @pytest.mark.parametrize("scope", ["FRAME", "RANGE", "WHOLE"])
 def test_markers_in_actions_of_their_own_follow_too(extension, monkeypatch, request, files, scope):
     animation = ours("scene.animation")
-    monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=100, most_single=4))
+    monkeypatch.setattr(animation, "KEYS_AN_ACTION", 100)
+    monkeypatch.setattr(animation, "MOST_SINGLE", 4)
     labelled = request.getfixturevalue("labelled")
     assert len({item.animation_data.action for item in shown().values()}) == GHOST
     scene = labelled.scene

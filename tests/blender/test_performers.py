@@ -363,7 +363,7 @@ def test_they_are_written_together_and_each_alone(duet, made, tmp_path):
 
 def test_nothing_is_learned_from_several_at_once(duet, extension):
     training = ours("ops.training")
-    for operator in (training.MOCAP_AUTOLABEL_OT_learn_take, training.MOCAP_AUTOLABEL_OT_learn_frame):
+    for operator in (training.learn_take, training.learn_frame):
         assert "several performers" in operator.lacks(bpy.context)
 
 

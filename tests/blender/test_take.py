@@ -85,7 +85,7 @@ def test_the_scene_plays_the_take(empty, made):
 
 
 def test_a_take_of_many_keys_has_several_actions(empty, made, tmp_path, monkeypatch):
-    monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=600))
+    monkeypatch.setattr(animation, "KEYS_AN_ACTION", 600)
     take = made.take()
     collection = takes.show_take(empty, take)
     empties = only(collection, "EMPTY")

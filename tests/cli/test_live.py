@@ -22,7 +22,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.body.sides import mirror_order
 from addon.core.data.errors import InputError, JobError
 from addon.core.points.several.wearers import AUTO
-from addon.core.points.whole_take.live import WINDOW_S, Window, WindowNames
+from addon.core.points.whole_take.live import WINDOW_S, WindowNames
 from addon.demo.take import MODEL
 from addon.io import tables
 from addon.io.markersets import open_markerset
@@ -166,16 +166,16 @@ def test_a_stream_that_ends_or_ends_in_trouble_is_kept(walk, run, tmp_path):
 class Solver:
     """Says of each full window what is next: the height of the subject, and how many names, exchanged or not."""
 
-    free = True
+    busy = False
 
     def __init__(self, body: BodyModel, said: list[tuple[float, int, bool]]):
         self.body, self.said = body, said
 
-    def send(self, window: Window):
-        self.window, self.free = window, False
+    def hand(self, work: partial):
+        self.window, self.busy = work.args[-1], True
 
-    def answer(self) -> WindowNames:
-        self.free = True
+    def look(self) -> WindowNames:
+        self.busy = False
         marker, subjects = np.full(len(self.window.number), -1), ()
         if len(self.window.xyz) == WINDOW_S * RATE and self.said:
             height, named, exchanged = self.said.pop(0)
@@ -213,7 +213,7 @@ def test_what_was_recorded_is_kept_where_temporary_files_find_no_more_room(
     monkeypatch.setattr(tables.RowFile, "append", full)
     job = live.LiveJob("natnet://here", MODEL, tmp_path / "live.c3d")
     with pytest.raises(JobError, match="cannot hold temporary files"):
-        live.name_stream(job, SimpleNamespace(free=True, send=lambda _: None), lambda _: None, lambda: False)
+        live.name_stream(job, SimpleNamespace(busy=False, hand=lambda _: None), lambda _: None, lambda: False)
     assert (tmp_path / "live.c3d").exists() == bool(kept)
     if kept:
         xyz = read_points(tmp_path / "live.c3d").xyz
@@ -230,9 +230,9 @@ def test_numbers_of_frames_that_jump_at_first_take_no_time_and_no_memory(walk, f
     same = place(walk, 1), np.arange(len(walk.names))
     fed((StreamFrame(number, float("nan"), *same) for number in numbers), rate=None)
     lines: list[dict] = []
-    solver = SimpleNamespace(free=True, send=lambda window: pytest.fail("window") if len(window.xyz) > 1e5 else None)
+    beside = SimpleNamespace(busy=False, hand=lambda work: pytest.fail("big") if len(work.args[-1].xyz) > 1e5 else None)
     job = live.LiveJob("natnet://here", MODEL, tmp_path / "live.c3d")
-    live.name_stream(job, solver, lines.append, lambda: False)
+    live.name_stream(job, beside, lines.append, lambda: False)
     assert [line["frame"] for line in lines] == list(numbers)
     assert all(line["markers"] == {} and line["ms"] < 1000 for line in lines)
 

@@ -98,7 +98,7 @@ def read_stream(kind: str, path: Path) -> list[StreamFrame]:
 def named(frames: list[StreamFrame], folder: Path):
     """Names what was read, and keeps it."""
     stream = type("Stream", (list,), {"rate": None, "behind": False})(frames)
-    nobody = SimpleNamespace(free=True, send=lambda _: None)
+    nobody = SimpleNamespace(busy=False, hand=lambda _: None)
     job = live.LiveJob("natnet://fed", MODEL, folder / "live.c3d", overwrite=True)
     with patch.object(live, "open_stream", lambda *_: nullcontext(stream)):
         live.name_stream(job, nobody, lambda _: None, lambda: False)
