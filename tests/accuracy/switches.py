@@ -79,6 +79,14 @@ def _nothing_tried(known, now, place):
     return np.zeros((0, len(place)), int)
 
 
+def _no_moves(self, *given) -> Iterator[np.ndarray]:
+    return iter(())
+
+
+def _as_it_is(self, *given) -> np.ndarray:
+    return self.best.marker
+
+
 class NothingInTheWay:
     """The occlusion of cameras that see through everything."""
 
@@ -87,15 +95,41 @@ class NothingInTheWay:
 
 
 CORE = addon.core.__name__
+SEARCH = "points.whole_take.search.Search"
 # Of each stage: what stands in its place, by where it is called.
 STAGES: dict[str, dict[str, Callable]] = {
-    "points: search": {"points.whole_take.solving.Search.climb": lambda self: None},
+    "points: search": {"points.whole_take.solving.Search.climb": lambda self, moves="all": None},
+    "points: groups opened": {f"{SEARCH}._opened": _as_it_is},
+    "points: groups by shape": {f"{SEARCH}._by_shape": _as_it_is},
+    "points: a name shifted on": {f"{SEARCH}._shifted": _no_moves},
+    "points: single tracklets": {f"{SEARCH}._of_one": _no_moves},
+    "points: chains": {f"{SEARCH}._chains": _no_moves},
+    "points: exchanges": {f"{SEARCH}._exchanges": _no_moves},
+    "points: names given alone": {f"{SEARCH}._alone": _no_moves},
+    "points: as frames say": {f"{SEARCH}._as_said": _no_moves},
+    "points: whole frames": {f"{SEARCH}._of_frames": _no_moves},
+    "points: sides": {
+        "points.whole_take.layout_odds.LayoutOdds._of_sides": lambda self, orders, most: np.zeros(
+            (len(orders), self.markers)
+        )
+    },
+    "points: gain of poses": {"points.whole_take.objective.Objective.gain_of_poses": lambda *_: 0.0},
+    "points: lonely tracklets": {
+        "points.whole_take.solving._Solving._lonely": lambda self, own, search, near: np.zeros(len(own), bool)
+    },
+    "points: names by themselves": {
+        "points.whole_take.deciding._by_itself": lambda solution, given, part: np.zeros(given.shape, bool)
+    },
     "points: layout of a crowd": {"points.whole_take.solving.named_by_layout": _no_layout},
     "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},
     "points: unmodelled markers": {"points.whole_take.solving._Solving._add_extras": lambda self: False},
     "points: links over gaps": {"points.whole_take.objective.links": lambda *given: np.zeros(given[-1].shape)},
     "points: seldom there": {
         "points.whole_take.solving._Solving._of_seldom": lambda self, own: np.full(len(own), np.inf)
+    },
+    "points: contested names": {
+        "points.several.identification.doubt_contested": lambda people, options: None,
+        "points.several.together.doubt_contested": lambda people, options: None,
     },
     "points: the whole take": {"points.whole_take.pipeline.can_be_solved": lambda *_: False},
     "points: frames in no order": {"points.whole_take.pipeline.is_unordered": lambda *_: False},
