@@ -32,12 +32,14 @@ class Footing:
 
     scale   how much larger the rig's legs are than the body's
     floor   m, how high the rig's floor is at rest
+    fade    in how many frames a change that they need comes and goes
     plants  in which frames (K,) the body's foot of each side is planted, and how high (K,) m the lower one of its heel
             and ball is over the floor that it stands on
     """
 
     scale: float
     floor: float
+    fade: int
     plants: Mapping[str, tuple[np.ndarray, np.ndarray]]
 
 
@@ -114,7 +116,7 @@ def retarget(
     scale, floor, lift = _fitted(rig, body)
     ground, plants = _plants(body, rig.legs, rate) if feet else (0.0, {})
     lift -= scale * ground
-    footing = Footing(scale, floor, plants)
+    footing = Footing(scale, floor, max(round(ON_GROUND.span_s * rate), 1), plants)
     begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = begin - turns[:, at["hips"]] @ middle
@@ -302,7 +304,8 @@ def _with_legs(rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray
     line, missed = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs)), []
     for side in BODY_SIDES:
         rows, ankle, _ = _standing(rig, body, side, posed, footing)
-        missed.append(_between(rows, ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows], len(line)))
+        off = ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows]
+        missed.append(_fading(rows, off, len(line), footing.fade))
     return least_turn(line, line + wider * (missed[0] - missed[1]))
 
 
@@ -316,7 +319,7 @@ def _plant(
 ):
     """Changes the turns of a leg so that its foot does not slide while it is planted.
 
-    In between bones turn from as much otherwise as they do at one plant to as much as at the next.
+    Before and after that the change comes and goes.
     """
     (turns, hips), leg = posed, [f"{part}.{side}" for part in LEG]
     rows, ankle, turn = _standing(rig, body, side, posed, footing)
@@ -325,14 +328,26 @@ def _plant(
     _bend(rig, bent, hips[rows], aligned, leg, ankle, LEFTWARDS)
     for bone in (rig.at[part] for part in leg):
         change = rotation_vector(bent[:, bone] @ turns[rows, bone].swapaxes(1, 2))
-        turns[:, bone] = exponential(_between(rows, change, len(turns)))[0] @ turns[:, bone]
+        turns[:, bone] = exponential(_fading(rows, change, len(turns), footing.fade))[0] @ turns[:, bone]
 
 
-def _between(rows: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """(F, 3) values of so many frames, by those (K, 3) of some."""
-    if not len(rows):
-        return np.zeros((count, 3))
-    return np.column_stack([np.interp(np.arange(count), rows, column) for column in values.T])
+def _fading(rows: np.ndarray, values: np.ndarray, count: int, fade: int) -> np.ndarray:
+    """(F, 3) values of so many frames, by those (K, 3) of some, which go on as they went and fade in so many frames.
+
+    Where the next ones are nearer they become those.
+    """
+    found = np.zeros((count, 3))
+    found[rows] = values
+    for step in (1, -1):
+        at, known = rows[::step], values[::step]
+        gaps = np.abs(np.diff(at, append=[*at[-1:] + 2 * step * fade]))
+        for last in np.flatnonzero(gaps > 1):
+            gone = known[last] - known[last - 1] if last and gaps[last - 1] == 1 else np.zeros(3)
+            ahead = np.arange(1, min(gaps[last], fade))[:, None]
+            part, there = ahead / min(gaps[last], fade), at[last] + step * ahead[:, 0]
+            inside = (there >= 0) & (there < count)
+            found[there[inside]] += (((1 + 2 * part) * known[last] + ahead * gone) * (1 - part) ** 2)[inside]
+    return found
 
 
 def _standing(
