@@ -3,7 +3,7 @@
 
 All is told in the axes of a character at rest: x to its left, looking along -y, z up. Limbs point as the body's do,
 whatever they do at rest; hands, feet, hips and head turn by as much as the body's. The hips' way is as much longer as
-the legs are, and feet touch the ground where the body's do.
+the legs are, but for some of what feet lack that touch the ground where the body's do.
 """
 
 from collections.abc import Mapping
@@ -97,7 +97,7 @@ def retarget(
 
     From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments, so many a second. `feet` stay
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
-    Legs and arms bend for that, and wide hips turn less.
+    Legs and arms bend for that, and hips go along.
     """
     body = BodyInMotion(character, *character.posed(*motion))
     rig = _with_feet(rig, body)
@@ -120,9 +120,10 @@ def retarget(
     begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = begin - turns[:, at["hips"]] @ middle
-    if feet and len(rig.legs) > 1:
-        turns[:, at["hips"]] = _with_legs(rig, body, (turns, hips), footing) @ turns[:, at["hips"]]
-        hips = begin - turns[:, at["hips"]] @ middle
+    if feet:
+        turn, way = _with_legs(rig, body, (turns, hips), footing)
+        turns[:, at["hips"]] = turn @ turns[:, at["hips"]]
+        hips = begin + way - turns[:, at["hips"]] @ middle
     for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
         if feet and side in rig.legs:
             _plant(rig, body, side, (turns, hips), footing, aligned)
@@ -291,22 +292,28 @@ def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, di
     return ground, {side: (rows, heights - ground) for side, (rows, heights) in found.items()}
 
 
-def _with_legs(rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], footing: Footing) -> np.ndarray:
-    """(F, 3, 3), or one of all, how the hips turn with both legs, by as much as they are wider than the body's.
+def _with_legs(
+    rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], footing: Footing
+) -> tuple[np.ndarray, np.ndarray]:
+    """How the hips turn with both legs (F, 3, 3), by as much as they are wider than the body's, and go (F, 3) m.
 
-    Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's.
+    Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's. And the hips
+    go half of the way that each planted foot lacks, smoothly, because all else goes along.
     """
+    from scipy.ndimage import uniform_filter1d
+
     thighs = [rig.at[f"thigh.{side}"] for side in BODY_SIDES]
     own = footing.scale * np.linalg.norm(body.rest("thigh.L") - body.rest("thigh.R"))
-    wider = 1 - own / np.linalg.norm(np.subtract(*rig.heads[thighs]))
-    if wider <= 0:
-        return np.eye(3)
-    line, missed = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs)), []
-    for side in BODY_SIDES:
-        rows, ankle, _ = _standing(rig, body, side, posed, footing)
+    wider = max(1 - own / max(np.linalg.norm(np.subtract(*rig.heads[thighs])), NO_TURN), 0.0)
+    line = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs))
+    missed = np.zeros((len(BODY_SIDES), *line.shape))
+    for side in rig.legs:
+        rows, ankle = _standing(rig, body, side, posed, footing)
         off = ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows]
-        missed.append(_fading(rows, off, len(line), footing.fade))
-    return least_turn(line, line + wider * (missed[0] - missed[1]))
+        missed[BODY_SIDES.index(side)] = _fading(rows, off, len(line), 2 * footing.fade)
+    for _ in range(2):
+        missed = uniform_filter1d(missed, footing.fade, axis=1, mode="nearest")
+    return least_turn(line, line + wider * (missed[0] - missed[1])), missed.sum(axis=0) / 2
 
 
 def _plant(
@@ -317,15 +324,13 @@ def _plant(
     footing: Footing,
     aligned: np.ndarray,
 ):
-    """Changes the turns of a leg so that its foot does not slide while it is planted.
-
-    Before and after that the change comes and goes.
-    """
+    """Changes the turns of a leg so that its planted foot does not slide; before and after that fades."""
     (turns, hips), leg = posed, [f"{part}.{side}" for part in LEG]
-    rows, ankle, turn = _standing(rig, body, side, posed, footing)
-    bent = turns[rows]
-    bent[:, rig.at[leg[-1]]] = turn
-    _bend(rig, bent, hips[rows], aligned, leg, ankle, LEFTWARDS)
+    (rows, ankle), foot = _standing(rig, body, side, posed, footing), rig.at[leg[-1]]
+    hip, begin = (place_of(rig, *posed, at)[rows] for at in (rig.at[leg[0]], foot))
+    far, bent, way = np.linalg.norm(begin - hip, axis=1), turns[rows], _ball(rig, side) - rig.heads[foot]
+    rolled, bent[:, foot] = _rolled(bent[:, foot], way, ankle - hip, far, footing.scale * ON_GROUND.reach_m)
+    _bend(rig, bent, hips[rows], aligned, leg, hip + rolled, LEFTWARDS)
     for bone in (rig.at[part] for part in leg):
         change = rotation_vector(bent[:, bone] @ turns[rows, bone].swapaxes(1, 2))
         turns[:, bone] = exponential(_fading(rows, change, len(turns), footing.fade))[0] @ turns[:, bone]
@@ -351,13 +356,9 @@ def _fading(rows: np.ndarray, values: np.ndarray, count: int, fade: int) -> np.n
 
 
 def _standing(
-    rig: Rig,
-    body: BodyInMotion,
-    side: str,
-    posed: tuple[np.ndarray, np.ndarray],
-    footing: Footing,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """In which frames (K,) a foot is planted, and where it is to begin (K, 3) m and how it turns (K, 3, 3) in them.
+    rig: Rig, body: BodyInMotion, side: str, posed: tuple[np.ndarray, np.ndarray], footing: Footing
+) -> tuple[np.ndarray, np.ndarray]:
+    """In which frames (K,) a foot is planted, and where it is to begin (K, 3) m in them.
 
     Its ball goes along the floor as the body's does, from where the leg has it in the mean of a plant. The lower one of
     heel and ball is as high as the body's: a foot of another length stands on the floor, not in it.
@@ -365,34 +366,29 @@ def _standing(
     (turns, hips), (scale, floor), foot = posed, (footing.scale, footing.floor), rig.at[f"foot.{side}"]
     rows, heights = footing.plants[side]
     turn, ankle, ball = turns[rows, foot], rig.heads[foot], _ball(rig, side)
-    hip, begin = (place_of(rig, turns, hips, at)[rows] for at in (rig.at[f"thigh.{side}"], foot))
+    begin = place_of(rig, turns, hips, foot)[rows]
     low = [(turn @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (ball, ankle)]
     goal = scale * body.begin(f"toes.{side}")[rows] - turn @ (ball - ankle)
     goal[:, 2] = scale * heights - np.minimum(*low)
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
         goal[run, :2] += (begin - goal)[run, :2].mean(axis=0)
-    rolled, turn = _rolled(turn, ball - ankle, goal - hip, np.linalg.norm(begin - hip, axis=1))
-    return rows, hip + rolled, turn
+    return rows, goal
 
 
-def _rolled(turn: np.ndarray, way: np.ndarray, ankle: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rolled(
+    turn: np.ndarray, way: np.ndarray, ankle: np.ndarray, far: np.ndarray, short: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The places (K, 3) m of an ankle from the hip, and turns (K, 3, 3) of its foot, that leave the knee as it is.
 
     For that the foot rolls on its ball, `way` (3,) m from the ankle, towards where this is as `far` (K,) m as the leg
-    has it, less where the leg is over the ball and a roll helps little. A heel that is up comes up to twice as high, or
-    down. Where that does not do, the leg takes ball and heel off the floor, rather than be straightened by so much.
+    has it, less where the leg is over the ball, or a foot is as `short` m, and a roll helps little.
     """
-    ball, axis, lifted = ankle + turn @ way, turn @ LEFTWARDS, np.clip(turn[:, 2, 1], 0, 1)
-    most, start, angle = np.arcsin(lifted), turn, np.zeros(len(turn))
-    for _ in range(4):  # tangents; more of them come nearer, and jump where a little reach is a long way
-        across = np.cross(turn @ way, axis)
-        wanted = ankle * (far / np.linalg.norm(ankle, axis=1) - 1)[:, None]
-        angle += (wanted * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), NO_TURN)
-        angle = np.clip(angle, -most, most)
-        turn = exponential(axis * angle[:, None])[0] @ start
-        ankle = ball - turn @ way
-    too_far = np.clip(np.linalg.norm(ankle, axis=1) - far, 0, lifted * np.linalg.norm(way[:2]))
-    return ankle + too_far[:, None] * SKYWARDS, turn
+    ball, axis = turn @ way, turn @ LEFTWARDS
+    across = np.cross(ball, axis)
+    wanted = ankle * (far / np.linalg.norm(ankle, axis=1) - 1)[:, None]
+    angle = (wanted * across).sum(axis=1) / ((across**2).sum(axis=1) + short**2)
+    turn = exponential(axis * angle[:, None])[0] @ turn
+    return ankle + ball - turn @ way, turn
 
 
 def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):
