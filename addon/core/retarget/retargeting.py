@@ -24,6 +24,7 @@ STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a 
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
 OTHER_SIZE = 2.0  # physical: so many times as long, or as short, are no two people's feet, drawn ones neither
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
+Posed = tuple[np.ndarray, np.ndarray]  # how bones turn (F, C, 3, 3) from their rest, and where the hips begin (F, 3) m
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +93,8 @@ def stands(places: Mapping[str, np.ndarray]) -> bool:
 
 def retarget(
     character: Character, motion: tuple[np.ndarray, np.ndarray], rate: float, rig: Rig, feet: bool, hands: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """How the bones of a rig turn from their rest (F, C, 3, 3), and where its hips begin (F, 3) m, world.
+) -> Posed:
+    """How the bones of a rig turn, and where its hips begin, world.
 
     From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments, so many a second. `feet` stay
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
@@ -131,7 +132,7 @@ def retarget(
                 _keep_toes_out(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
         if hands and set(arm) <= at.keys():
-            _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
+            _bend(rig, (turns, hips), aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
     return turns, hips
 
 
@@ -292,9 +293,7 @@ def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, di
     return ground, {side: (rows, heights - ground) for side, (rows, heights) in found.items()}
 
 
-def _with_legs(
-    rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], footing: Footing
-) -> tuple[np.ndarray, np.ndarray]:
+def _with_legs(rig: Rig, body: BodyInMotion, posed: Posed, footing: Footing) -> tuple[np.ndarray, np.ndarray]:
     """How the hips turn with both legs (F, 3, 3), by as much as they are wider than the body's, and go (F, 3) m.
 
     Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's. And the hips
@@ -316,21 +315,14 @@ def _with_legs(
     return least_turn(line, line + wider * (missed[0] - missed[1])), missed.sum(axis=0) / 2
 
 
-def _plant(
-    rig: Rig,
-    body: BodyInMotion,
-    side: str,
-    posed: tuple[np.ndarray, np.ndarray],
-    footing: Footing,
-    aligned: np.ndarray,
-):
+def _plant(rig: Rig, body: BodyInMotion, side: str, posed: Posed, footing: Footing, aligned: np.ndarray):
     """Changes the turns of a leg so that its planted foot does not slide; before and after that fades."""
     (turns, hips), leg = posed, [f"{part}.{side}" for part in LEG]
     (rows, ankle), foot = _standing(rig, body, side, posed, footing), rig.at[leg[-1]]
     hip, begin = (place_of(rig, *posed, at)[rows] for at in (rig.at[leg[0]], foot))
     far, bent, way = np.linalg.norm(begin - hip, axis=1), turns[rows], _ball(rig, side) - rig.heads[foot]
     rolled, bent[:, foot] = _rolled(bent[:, foot], way, ankle - hip, far, footing.scale * ON_GROUND.reach_m)
-    _bend(rig, bent, hips[rows], aligned, leg, hip + rolled, LEFTWARDS)
+    _bend(rig, (bent, hips[rows]), aligned, leg, hip + rolled, LEFTWARDS)
     for bone in (rig.at[part] for part in leg):
         change = rotation_vector(bent[:, bone] @ turns[rows, bone].swapaxes(1, 2))
         turns[:, bone] = exponential(_fading(rows, change, len(turns), footing.fade))[0] @ turns[:, bone]
@@ -355,9 +347,7 @@ def _fading(rows: np.ndarray, values: np.ndarray, count: int, fade: int) -> np.n
     return found
 
 
-def _standing(
-    rig: Rig, body: BodyInMotion, side: str, posed: tuple[np.ndarray, np.ndarray], footing: Footing
-) -> tuple[np.ndarray, np.ndarray]:
+def _standing(rig: Rig, body: BodyInMotion, side: str, posed: Posed, footing: Footing) -> tuple[np.ndarray, np.ndarray]:
     """In which frames (K,) a foot is planted, and where it is to begin (K, 3) m in them.
 
     Its ball goes along the floor as the body's does, from where the leg has it in the mean of a plant. The lower one of
@@ -383,12 +373,14 @@ def _rolled(
     For that the foot rolls on its ball, `way` (3,) m from the ankle, towards where this is as `far` (K,) m as the leg
     has it, less where the leg is over the ball, or a foot is as `short` m, and a roll helps little.
     """
-    ball, axis = turn @ way, turn @ LEFTWARDS
-    across = np.cross(ball, axis)
-    wanted = ankle * (far / np.linalg.norm(ankle, axis=1) - 1)[:, None]
-    angle = (wanted * across).sum(axis=1) / ((across**2).sum(axis=1) + short**2)
-    turn = exponential(axis * angle[:, None])[0] @ turn
-    return ankle + ball - turn @ way, turn
+    ball, axis = ankle + turn @ way, turn @ LEFTWARDS
+    for _ in range(2):  # tangents; more of them straighten legs hardly less and turn feet more
+        across = np.cross(turn @ way, axis)
+        wanted = ankle * (far / np.linalg.norm(ankle, axis=1) - 1)[:, None]
+        angle = (wanted * across).sum(axis=1) / ((across**2).sum(axis=1) + short**2)
+        turn = exponential(axis * angle[:, None])[0] @ turn
+        ankle = ball - turn @ way
+    return ankle, turn
 
 
 def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):
@@ -427,22 +419,14 @@ def place_of(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.nd
     return place_of(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
 
 
-def _bend(
-    rig: Rig,
-    turns: np.ndarray,
-    hips: np.ndarray,
-    aligned: np.ndarray,
-    limb: list[str],
-    goal: np.ndarray,
-    hinge: np.ndarray,
-):
+def _bend(rig: Rig, posed: Posed, aligned: np.ndarray, limb: list[str], goal: np.ndarray, hinge: np.ndarray):
     """Changes the turns of a limb's two upper bones so that the third begins at goals (F, 3) m.
 
     `hinge` (3,) is the axis in the T-pose that the joint between bends about.
     """
-    upper, lower, end = (rig.at[part] for part in limb)
+    turns, (upper, lower, end) = posed[0], (rig.at[part] for part in limb)
     lengths = rig.heads[lower] - rig.heads[upper], rig.heads[end] - rig.heads[lower]
-    both, far = (turns[:, upper], turns[:, lower]), goal - place_of(rig, turns, hips, upper)
+    both, far = (turns[:, upper], turns[:, lower]), goal - place_of(rig, *posed, upper)
     turns[:, upper], turns[:, lower] = _reaching(*both, *lengths, far, aligned[upper].T @ hinge)
 
 
