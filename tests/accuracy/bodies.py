@@ -15,7 +15,7 @@ from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.data.takes import BY_FIT, NO_MARKER, Labels, Motion, PointRows, Points
 from addon.core.geometry.cameras import NO_CAMERAS
 from addon.core.geometry.rigid import best_turns
-from addon.core.geometry.rotations import carried
+from addon.core.geometry.rotations import carried, rotation_vector
 from addon.core.points.motion import motion_of
 from addon.core.posing.character import Character
 from addon.core.posing.ends import with_ends
@@ -135,7 +135,7 @@ def on_rigs(take: people.Take, markerset: MarkerSet, motion: Motion) -> Iterator
     stored = Opened().take(collection, scene)
     character = moving_in(collection, stored).character
     shown = on_ground(motion, markerset, build_of(markerset, motion), take.rate)
-    body = character.posed(shown.joints, shown.rotations)[0]
+    body = character.posed(shown.joints, shown.rotations)
     context.view_layer.layer_collection.children[collection.name].exclude = True  # only rigs have to move
     for title, make in RIGS.items():
         rig = make()
@@ -159,9 +159,14 @@ def switch_to_ik(rig: bpy.types.Object):
 
 
 def followed(
-    take: people.Take, character: Character, body: np.ndarray, rig: bpy.types.Object, matched: dict[str, str]
+    take: people.Take,
+    character: Character,
+    posed_body: tuple[np.ndarray, np.ndarray],
+    rig: bpy.types.Object,
+    matched: dict[str, str],
 ) -> list[str]:
-    """How a rig follows a body's joints (F, J, 3): angles of limbs, planted feet, toes, turns."""
+    """How a rig follows where a body's bones begin (F, B, 3) and are turned (F, B, 3, 3): limbs, feet, hips, toes."""
+    body, turned = posed_body
     bones = matched
     if "torso" in matched.values():
         bones = {part: MOVED.get(bone, "ORG-" + bone.replace("_fk", "")) for part, bone in matched.items()}
@@ -183,14 +188,37 @@ def followed(
             angles["arm" if "arm" in begin else "leg"].append(off[found])
     planted = [theirs[f"toes.{side}"][first:end] for side in "LR" for first, end in plants(take, side)]
     slips = np.concatenate([np.linalg.norm((path - np.nanmedian(path, axis=0))[:, :2], axis=1) for path in planted])
-    axes = posed[..., :3, :3]
+    axes = posed[..., :3, :3] / np.linalg.norm(posed[..., :3, :3], axis=-2, keepdims=True)
+    turns = []
+    for side in "LR":
+        rows = found.copy()
+        for first, end in plants(take, side):
+            rows[first:end] = False
+        own = turned[rows, character.names.index(f"foot.{side}")]
+        turns.append(off_their_mean(own.swapaxes(1, 2) @ axes[rows, parts.index(f"foot.{side}")]))
+    hips = np.subtract(*((each["thigh.L"] + each["thigh.R"])[found] / 2 / leg(each, found) for each in (theirs, ours)))
+    away = np.linalg.norm(hips - np.median(hips, axis=0), axis=1) * leg(ours, found)
     return [
         *quantiles(np.concatenate(angles["arm"])),
         *quantiles(np.concatenate(angles["leg"])),
         *quantiles(1000 * slips),
+        *quantiles(np.concatenate(turns)),
+        *quantiles(1000 * away),
         f"{100 * (tips[found] < -0.01).mean():.1f}",
-        f"{largest_turn(axes / np.linalg.norm(axes, axis=-2, keepdims=True)):.0f}",
+        f"{largest_turn(axes):.0f}",
     ]
+
+
+def leg(places: dict[str, np.ndarray], found: np.ndarray) -> float:
+    """M, how long a leg is from hip to ankle."""
+    ways = [np.subtract(places[f"{end}.L"], places[f"{begin}.L"]) for begin, end in list(LIMBS.items())[2:]]
+    return float(np.median(np.linalg.norm(ways, axis=2).sum(axis=0)[found]))
+
+
+def off_their_mean(turns: np.ndarray) -> np.ndarray:
+    """Degrees (K,) by which rotations (K, 3, 3) are off what they are in the mean."""
+    one, _, other = np.linalg.svd(turns.mean(axis=0))
+    return np.degrees(np.linalg.norm(rotation_vector((one @ other).T @ turns), axis=1))
 
 
 def _higher(rig: bpy.types.Object, world, bone: str, end: str) -> float:
@@ -306,7 +334,9 @@ def main():
     head += ["largest turn, °", "from its markers, mm", "from them at 99 %, mm"]
     print(markdown(head, floor), flush=True)
     head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
-    head += ["planted feet off, mm", "feet at 99 %, mm", "feet 10 mm in the floor, %", "largest turn, °"]
+    head += ["planted feet off, mm", "feet at 99 %, mm"]
+    head += ["feet in the air off, °", "those at 99 %, °", "hips off, mm", "hips at 99 %, mm"]
+    head += ["feet 10 mm in the floor, %", "largest turn, °"]
     print(markdown(head, rigs))
     head = ["toes", "height off, mm", "height at 90 %, mm", "height at 99 %, mm"]
     head += ["off, mm", "off at 90 %, mm", "off at 99 %, mm", "largest turn, °"]

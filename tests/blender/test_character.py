@@ -166,6 +166,7 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
     press(f"export_{kind}", filepath=path, **options)
     assert set(bpy.data.objects) == before
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == played
+    assert kind == "fbx" or b"Frame Time: 0.0166666666667\n" in path.read_bytes()
     read(str(path))
     rig = plain_rig(next(item for item in bpy.data.objects if item not in before and item.type == "ARMATURE"))
     errors = joint_errors(shown, rig, JOINTS, first)

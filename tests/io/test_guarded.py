@@ -39,6 +39,7 @@ OWN = {
     ("cli/parcels.py", "read_parcel"): "what is open",
     ("cli/workers.py", "look"): "scratch files",
     ("ops/live.py", "look"): "a scratch file",
+    ("scene/character.py", "export_character"): "what was just written",
     ("version.py", "version"): "ships with the program",
 }
 

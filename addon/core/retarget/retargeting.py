@@ -3,7 +3,7 @@
 
 All is told in the axes of a character at rest: x to its left, looking along -y, z up. Limbs point as the body's do,
 whatever they do at rest; hands, feet, hips and head turn by as much as the body's. The hips' way is as much longer as
-the legs are, and feet touch the ground where the body's do.
+the legs are, but for some of what feet lack that touch the ground where the body's do.
 """
 
 from collections.abc import Mapping
@@ -24,6 +24,7 @@ STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a 
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
 OTHER_SIZE = 2.0  # physical: so many times as long, or as short, are no two people's feet, drawn ones neither
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
+Posed = tuple[np.ndarray, np.ndarray]  # how bones turn (F, C, 3, 3) from their rest, and where the hips begin (F, 3) m
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +33,14 @@ class Footing:
 
     scale   how much larger the rig's legs are than the body's
     floor   m, how high the rig's floor is at rest
+    fade    in how many frames a change that they need comes and goes
     plants  in which frames (K,) the body's foot of each side is planted, and how high (K,) m the lower one of its heel
             and ball is over the floor that it stands on
     """
 
     scale: float
     floor: float
+    fade: int
     plants: Mapping[str, tuple[np.ndarray, np.ndarray]]
 
 
@@ -90,12 +93,12 @@ def stands(places: Mapping[str, np.ndarray]) -> bool:
 
 def retarget(
     character: Character, motion: tuple[np.ndarray, np.ndarray], rate: float, rig: Rig, feet: bool, hands: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """How the bones of a rig turn from their rest (F, C, 3, 3), and where its hips begin (F, 3) m, world.
+) -> Posed:
+    """How the bones of a rig turn, and where its hips begin, world.
 
     From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments, so many a second. `feet` stay
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
-    Legs and arms bend for that, and wide hips turn less.
+    Legs and arms bend for that, and hips go along.
     """
     body = BodyInMotion(character, *character.posed(*motion))
     rig = _with_feet(rig, body)
@@ -114,13 +117,14 @@ def retarget(
     scale, floor, lift = _fitted(rig, body)
     ground, plants = _plants(body, rig.legs, rate) if feet else (0.0, {})
     lift -= scale * ground
-    footing = Footing(scale, floor, plants)
+    footing = Footing(scale, floor, max(round(ON_GROUND.span_s * rate), 1), plants)
     begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = begin - turns[:, at["hips"]] @ middle
-    if feet and len(rig.legs) > 1:
-        turns[:, at["hips"]] = _with_legs(rig, body, (turns, hips), footing) @ turns[:, at["hips"]]
-        hips = begin - turns[:, at["hips"]] @ middle
+    if feet:
+        turn, way = _with_legs(rig, body, (turns, hips), footing)
+        turns[:, at["hips"]] = turn @ turns[:, at["hips"]]
+        hips = begin + way - turns[:, at["hips"]] @ middle
     for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
         if feet and side in rig.legs:
             _plant(rig, body, side, (turns, hips), footing, aligned)
@@ -128,7 +132,7 @@ def retarget(
                 _keep_toes_out(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
         if hands and set(arm) <= at.keys():
-            _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
+            _bend(rig, (turns, hips), aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
     return turns, hips
 
 
@@ -289,60 +293,62 @@ def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, di
     return ground, {side: (rows, heights - ground) for side, (rows, heights) in found.items()}
 
 
-def _with_legs(rig: Rig, body: BodyInMotion, posed: tuple[np.ndarray, np.ndarray], footing: Footing) -> np.ndarray:
-    """(F, 3, 3), or one of all, how the hips turn with both legs, by as much as they are wider than the body's.
+def _with_legs(rig: Rig, body: BodyInMotion, posed: Posed, footing: Footing) -> tuple[np.ndarray, np.ndarray]:
+    """How the hips turn with both legs (F, 3, 3), by as much as they are wider than the body's, and go (F, 3) m.
 
-    Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's.
+    Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's. And the hips
+    go half of the way that each planted foot lacks, smoothly, because all else goes along.
     """
+    from scipy.ndimage import uniform_filter1d
+
     thighs = [rig.at[f"thigh.{side}"] for side in BODY_SIDES]
     own = footing.scale * np.linalg.norm(body.rest("thigh.L") - body.rest("thigh.R"))
-    wider = 1 - own / np.linalg.norm(np.subtract(*rig.heads[thighs]))
-    if wider <= 0:
-        return np.eye(3)
-    line, missed = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs)), []
-    for side in BODY_SIDES:
-        rows, ankle, _ = _standing(rig, body, side, posed, footing)
-        missed.append(_between(rows, ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows], len(line)))
-    return least_turn(line, line + wider * (missed[0] - missed[1]))
+    wider = max(1 - own / max(np.linalg.norm(np.subtract(*rig.heads[thighs])), NO_TURN), 0.0)
+    line = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs))
+    missed = np.zeros((len(BODY_SIDES), *line.shape))
+    for side in rig.legs:
+        rows, ankle = _standing(rig, body, side, posed, footing)
+        off = ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows]
+        missed[BODY_SIDES.index(side)] = _fading(rows, off, len(line), 2 * footing.fade)
+    for _ in range(2):
+        missed = uniform_filter1d(missed, footing.fade, axis=1, mode="nearest")
+    return least_turn(line, line + wider * (missed[0] - missed[1])), missed.sum(axis=0) / 2
 
 
-def _plant(
-    rig: Rig,
-    body: BodyInMotion,
-    side: str,
-    posed: tuple[np.ndarray, np.ndarray],
-    footing: Footing,
-    aligned: np.ndarray,
-):
-    """Changes the turns of a leg so that its foot does not slide while it is planted.
-
-    In between bones turn from as much otherwise as they do at one plant to as much as at the next.
-    """
+def _plant(rig: Rig, body: BodyInMotion, side: str, posed: Posed, footing: Footing, aligned: np.ndarray):
+    """Changes the turns of a leg so that its planted foot does not slide; before and after that fades."""
     (turns, hips), leg = posed, [f"{part}.{side}" for part in LEG]
-    rows, ankle, turn = _standing(rig, body, side, posed, footing)
-    bent = turns[rows]
-    bent[:, rig.at[leg[-1]]] = turn
-    _bend(rig, bent, hips[rows], aligned, leg, ankle, LEFTWARDS)
+    (rows, ankle), foot = _standing(rig, body, side, posed, footing), rig.at[leg[-1]]
+    hip, begin = (place_of(rig, *posed, at)[rows] for at in (rig.at[leg[0]], foot))
+    far, bent, way = np.linalg.norm(begin - hip, axis=1), turns[rows], _ball(rig, side) - rig.heads[foot]
+    rolled, bent[:, foot] = _rolled(bent[:, foot], way, ankle - hip, far, footing.scale * ON_GROUND.reach_m)
+    _bend(rig, (bent, hips[rows]), aligned, leg, hip + rolled, LEFTWARDS)
     for bone in (rig.at[part] for part in leg):
         change = rotation_vector(bent[:, bone] @ turns[rows, bone].swapaxes(1, 2))
-        turns[:, bone] = exponential(_between(rows, change, len(turns)))[0] @ turns[:, bone]
+        turns[:, bone] = exponential(_fading(rows, change, len(turns), footing.fade))[0] @ turns[:, bone]
 
 
-def _between(rows: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """(F, 3) values of so many frames, by those (K, 3) of some."""
-    if not len(rows):
-        return np.zeros((count, 3))
-    return np.column_stack([np.interp(np.arange(count), rows, column) for column in values.T])
+def _fading(rows: np.ndarray, values: np.ndarray, count: int, fade: int) -> np.ndarray:
+    """(F, 3) values of so many frames, by those (K, 3) of some, which go on as they went and fade in so many frames.
+
+    Where the next ones are nearer they become those.
+    """
+    found = np.zeros((count, 3))
+    found[rows] = values
+    for step in (1, -1):
+        at, known = rows[::step], values[::step]
+        gaps = np.abs(np.diff(at, append=[*at[-1:] + 2 * step * fade]))
+        for last in np.flatnonzero(gaps > 1):
+            gone = known[last] - known[last - 1] if last and gaps[last - 1] == 1 else np.zeros(3)
+            ahead = np.arange(1, min(gaps[last], fade))[:, None]
+            part, there = ahead / min(gaps[last], fade), at[last] + step * ahead[:, 0]
+            inside = (there >= 0) & (there < count)
+            found[there[inside]] += (((1 + 2 * part) * known[last] + ahead * gone) * (1 - part) ** 2)[inside]
+    return found
 
 
-def _standing(
-    rig: Rig,
-    body: BodyInMotion,
-    side: str,
-    posed: tuple[np.ndarray, np.ndarray],
-    footing: Footing,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """In which frames (K,) a foot is planted, and where it is to begin (K, 3) m and how it turns (K, 3, 3) in them.
+def _standing(rig: Rig, body: BodyInMotion, side: str, posed: Posed, footing: Footing) -> tuple[np.ndarray, np.ndarray]:
+    """In which frames (K,) a foot is planted, and where it is to begin (K, 3) m in them.
 
     Its ball goes along the floor as the body's does, from where the leg has it in the mean of a plant. The lower one of
     heel and ball is as high as the body's: a foot of another length stands on the floor, not in it.
@@ -350,34 +356,31 @@ def _standing(
     (turns, hips), (scale, floor), foot = posed, (footing.scale, footing.floor), rig.at[f"foot.{side}"]
     rows, heights = footing.plants[side]
     turn, ankle, ball = turns[rows, foot], rig.heads[foot], _ball(rig, side)
-    hip, begin = (place_of(rig, turns, hips, at)[rows] for at in (rig.at[f"thigh.{side}"], foot))
+    begin = place_of(rig, turns, hips, foot)[rows]
     low = [(turn @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (ball, ankle)]
     goal = scale * body.begin(f"toes.{side}")[rows] - turn @ (ball - ankle)
     goal[:, 2] = scale * heights - np.minimum(*low)
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1) if len(rows) else ():
         goal[run, :2] += (begin - goal)[run, :2].mean(axis=0)
-    rolled, turn = _rolled(turn, ball - ankle, goal - hip, np.linalg.norm(begin - hip, axis=1))
-    return rows, hip + rolled, turn
+    return rows, goal
 
 
-def _rolled(turn: np.ndarray, way: np.ndarray, ankle: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rolled(
+    turn: np.ndarray, way: np.ndarray, ankle: np.ndarray, far: np.ndarray, short: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The places (K, 3) m of an ankle from the hip, and turns (K, 3, 3) of its foot, that leave the knee as it is.
 
     For that the foot rolls on its ball, `way` (3,) m from the ankle, towards where this is as `far` (K,) m as the leg
-    has it, less where the leg is over the ball and a roll helps little. A heel that is up comes up to twice as high, or
-    down. Where that does not do, the leg takes ball and heel off the floor, rather than be straightened by so much.
+    has it, less where the leg is over the ball, or a foot is as `short` m, and a roll helps little.
     """
-    ball, axis, lifted = ankle + turn @ way, turn @ LEFTWARDS, np.clip(turn[:, 2, 1], 0, 1)
-    most, start, angle = np.arcsin(lifted), turn, np.zeros(len(turn))
-    for _ in range(4):  # tangents; more of them come nearer, and jump where a little reach is a long way
+    ball, axis = ankle + turn @ way, turn @ LEFTWARDS
+    for _ in range(2):  # tangents; more of them straighten legs hardly less and turn feet more
         across = np.cross(turn @ way, axis)
         wanted = ankle * (far / np.linalg.norm(ankle, axis=1) - 1)[:, None]
-        angle += (wanted * across).sum(axis=1) / np.maximum((across**2).sum(axis=1), NO_TURN)
-        angle = np.clip(angle, -most, most)
-        turn = exponential(axis * angle[:, None])[0] @ start
+        angle = (wanted * across).sum(axis=1) / ((across**2).sum(axis=1) + short**2)
+        turn = exponential(axis * angle[:, None])[0] @ turn
         ankle = ball - turn @ way
-    too_far = np.clip(np.linalg.norm(ankle, axis=1) - far, 0, lifted * np.linalg.norm(way[:2]))
-    return ankle + too_far[:, None] * SKYWARDS, turn
+    return ankle, turn
 
 
 def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):
@@ -416,22 +419,14 @@ def place_of(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.nd
     return place_of(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
 
 
-def _bend(
-    rig: Rig,
-    turns: np.ndarray,
-    hips: np.ndarray,
-    aligned: np.ndarray,
-    limb: list[str],
-    goal: np.ndarray,
-    hinge: np.ndarray,
-):
+def _bend(rig: Rig, posed: Posed, aligned: np.ndarray, limb: list[str], goal: np.ndarray, hinge: np.ndarray):
     """Changes the turns of a limb's two upper bones so that the third begins at goals (F, 3) m.
 
     `hinge` (3,) is the axis in the T-pose that the joint between bends about.
     """
-    upper, lower, end = (rig.at[part] for part in limb)
+    turns, (upper, lower, end) = posed[0], (rig.at[part] for part in limb)
     lengths = rig.heads[lower] - rig.heads[upper], rig.heads[end] - rig.heads[lower]
-    both, far = (turns[:, upper], turns[:, lower]), goal - place_of(rig, turns, hips, upper)
+    both, far = (turns[:, upper], turns[:, lower]), goal - place_of(rig, *posed, upper)
     turns[:, upper], turns[:, lower] = _reaching(*both, *lengths, far, aligned[upper].T @ hinge)
 
 

@@ -135,15 +135,31 @@ def test_a_foot_of_another_form_rolls_on_its_ball_and_leaves_the_knee_as_it_is(s
     assert np.ptp(balls[1][:, :2], axis=0).max() < 0.003 < np.ptp(balls[0][:, :2], axis=0).max()
 
 
-@pytest.mark.parametrize("way", [(0, 0, 0), (0, -0.02, -0.06), (0, 0.05, -0.03)])
-def test_a_foot_does_not_jump_where_the_leg_is_over_its_ball_and_a_roll_helps_little(squats, way):
+@pytest.mark.parametrize("way", [(0, 0, 0), (0, -0.02, -0.06), (0, 0.05, -0.03), None])
+def test_a_foot_does_not_jump_where_the_leg_is_over_its_ball_or_it_is_short_and_a_roll_helps_little(squats, way):
     one = rig(size=1.15)
+    feet, toes = ([one.at[f"{part}.{side}"] for side in "LR"] for part in ("foot", "toes"))
     for end in (one.heads, one.tails):
-        end[[one.at[f"toes.{side}"] for side in "LR"]] += way
+        end[toes] = end[toes] + way if way else one.heads[feet] + (0, -0.002, 0)
     turns = retarget(*on_tiptoe(squats, 1.2, 50), RATE, one, feet=True, hands=False)[0][:, one.at["foot.L"]]
     cosines = (np.trace(turns[1:] @ turns[:-1].swapaxes(1, 2), axis1=1, axis2=2) - 1) / 2
     steps = np.degrees(np.arccos(np.minimum(cosines, 1)))
     assert steps.max() < 2.5 * np.degrees(1.2 / 50)
+
+
+def test_legs_in_the_air_are_as_the_body_s_and_they_and_the_hips_get_there_smoothly(squats):
+    character, (still, turns) = on_tiptoe(squats)
+    gone = 0.001 * np.clip(np.arange(120) - 80, 0, None) ** 2
+    one = rig(size=1.15)
+    for end in (one.heads, one.tails):
+        end[[one.at[f"toes.{side}"] for side in "LR"]] += (0, -0.08, -0.03)
+    motion = still + gone[:, None, None] * [0, 0, 1], turns
+    (free, free_hips), (kept, hips) = (retarget(character, motion, RATE, one, feet, False) for feet in (False, True))
+    legs = [one.at[f"{part}.{side}"] for part in ("thigh", "shank", "foot") for side in "LR"]
+    np.testing.assert_allclose(kept[110:, legs], free[110:, legs], atol=1e-9)
+    assert np.abs(kept[80, legs] - free[80, legs]).max() > 0.01
+    far = (places(one, kept, hips) - places(one, free, free_hips))[70:]
+    assert np.linalg.norm(np.diff(far, 2, axis=0), axis=2).max() * RATE < 0.2  # m/s
 
 
 def test_a_foot_that_ends_where_it_begins_and_one_that_is_never_planted_are_turned(squats):
