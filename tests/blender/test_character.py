@@ -16,6 +16,7 @@ from addon.scene import animation, naming
 from addon.scene import character as characters
 from addon.scene import take as takes
 from addon.scene.opened import Opened
+from tests.inputs.rigs import bones_of
 
 from .hands import ours, press, refused, stored_take
 
@@ -100,20 +101,17 @@ def test_the_rest_is_a_t_pose_that_looks_along_minus_y(shown):
 
 def plain_rig(source):
     """A rig with the joints and names of `source` at rest, but bones that point and roll as nobody's do."""
-    data = bpy.data.armatures.new("plain")
-    rig = bpy.data.objects.new("plain", data)
+    rig = bpy.data.objects.new("plain", bpy.data.armatures.new("plain"))
     bpy.context.scene.collection.objects.link(rig)
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
     world = source.matrix_world
-    for number, bone in enumerate(source.data.bones):
-        own = data.edit_bones.new(bone.name)
-        own.head = world @ bone.head_local
-        own.tail = own.head + (world @ bone.tail_local - own.head).normalized() * 0.07
-        own.roll = 0.4 * number
-        if bone.parent is not None:
-            own.parent = data.edit_bones[bone.parent.name]
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(rig) as bones:
+        for number, bone in enumerate(source.data.bones):
+            own = bones.new(bone.name)
+            own.head = world @ bone.head_local
+            own.tail = own.head + (world @ bone.tail_local - own.head).normalized() * 0.07
+            own.roll = 0.4 * number
+            if bone.parent is not None:
+                own.parent = bones[bone.parent.name]
     for bone in rig.pose.bones:
         copied = bone.constraints.new("COPY_ROTATION")
         copied.target, copied.subtarget = source, bone.name

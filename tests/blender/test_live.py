@@ -19,7 +19,7 @@ from addon.io.points import read_points
 from addon.scene.retargeting import rest_bones
 from addon.scene.take import is_take
 from scripts.virtual_take import write_virtual_take
-from tests.inputs.rigs import MIXAMO, RigBone, add_rig, mixamo
+from tests.inputs.rigs import MIXAMO, RigBone, add_rig, bones_of, mixamo
 from tests.io.streams.servers import NatNetServer, QtmServer, there_and_back
 
 from .hands import ours, press, refused, reopen
@@ -192,10 +192,8 @@ def test_another_file_ends_the_stream_and_what_was_recorded_stays(live, walk, tm
 
 def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk, tmp_path):
     rig, segments = mixamo(), finer(open_markerset("body26")).skeleton.segments
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    rig.data.edit_bones.new("coat").tail = 0, 0, 1
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(rig) as bones:
+        bones.new("coat").tail = 0, 0, 1
     bone = rig.pose.bones[0]
     bone.rotation_mode, bone.rotation_euler, bone["IK_FK"] = "XYZ", (0.1, 0.2, 0.3), 0.0
 

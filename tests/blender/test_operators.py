@@ -250,7 +250,7 @@ def test_blobs_past_the_frames_that_blender_counts_leave_what_is_open(ready, tmp
 def test_what_is_missing_is_said_before_the_button_can_be_pressed(extension, empty, files):
     for name, reason in (("label", "calibration"), ("clear", "no labelled take")):
         refused(reason, name)
-    for name in ("reattach", "save_markerset"):
+    for name in ("reattach", "save_markerset", "judge_markers"):
         refused("Show a marker set first", name)
 
 

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.core.data.takes import NO_MARKER
 from addon.core.edits.kinds import Swap
 from addon.io.markersets import open_markerset
 from addon.scene import naming, ownership, performers
@@ -17,9 +18,10 @@ from addon.scene.character import add_character, moving_in
 from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
+from tests.inputs.rigs import bones_of
 
-from .conftest import label_walk, write_walk
-from .hands import out_of_another_file, press, reopen, stored_take
+from .conftest import write_walk
+from .hands import out_of_another_file, press, reopen, shown, stored_take
 
 KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
 
@@ -96,10 +98,8 @@ def push_down(item):
 
 
 def move_joint(item):
-    bpy.context.view_layer.objects.active = item
-    bpy.ops.object.mode_set(mode="EDIT")
-    item.data.edit_bones[2].tail.z += 0.1
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(item) as bones:
+        bones[2].tail.z += 0.1
 
 
 def give_material(item, link="DATA"):
@@ -440,21 +440,10 @@ def test_points_that_were_renamed_stay_when_others_are_imported(extension, empty
     assert "Mocap: two points" not in bpy.data.meshes
 
 
-@pytest.fixture
-def labelled(extension, empty, made, name_as, tmp_path):
-    """A take of points labelled by the buttons."""
-    xyz = made.motion(made.markerset(), 12).markers
-    name_as(np.arange(xyz.shape[1]))
-    write_walk(tmp_path, xyz, made.markerset())
-    label_walk(tmp_path)
-    return empty.scene.mocap_autolabel
-
-
 @pytest.mark.parametrize("button", ["label", "clear"])
 def test_the_buttons_say_what_stays_and_undo_takes_them_back(labelled, extension, capfd, button):
-    own_mesh("stage", labelled.take)
-    knee = next(item for item in labelled.take.all_objects if item.get(naming.MARKER) == "LKNE")
-    knee.name = "my knee"
+    own_mesh("stage", labelled.scene.mocap_autolabel.take)
+    shown()["LKNE"].name = "my knee"
     before = counts()
     stored_take()
     bpy.ops.ed.undo_push(message="Before")
@@ -475,7 +464,7 @@ def test_the_buttons_say_what_stays_and_undo_takes_them_back(labelled, extension
 def test_after_labelling_again_and_its_undo_the_take_at_hand_is_the_one_that_is_there(labelled, extension, name_as):
     count = len(stored_take().labels.marker)
     bpy.ops.ed.undo_push(message="Before")
-    name_as(np.r_[1, 0, 2:13])
+    name_as(np.r_[1, 0, 2:13, NO_MARKER])
     press("label")
     again = stored_take().labels.marker[:2]
     bpy.ops.ed.undo_push(message="Again")

@@ -30,10 +30,6 @@ def judged(laid):
     return laid
 
 
-def test_nothing_is_judged_before_something_is_laid_out(extension, empty):
-    refused("Show a marker set first", "judge_markers")
-
-
 def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
     quality, collection = judged
     report = quality.kept_report(collection)
@@ -47,6 +43,7 @@ def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
 
 
 def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
+    refused("no advice 9", "take_advice", number=9)
     quality, collection = judged
     report = quality.kept_report(collection)
     shown = quality.targets(collection)
@@ -70,10 +67,6 @@ def test_a_locked_marker_stays(laid):
     press("judge_markers")
     moved = {row["marker"] for row in quality.kept_report(collection)["advice"]}
     assert not {name for name in moved if name.endswith(("ANK", "HEE"))}
-
-
-def test_advice_that_nobody_gave_is_refused(judged):
-    refused("no advice 9", "take_advice", number=9)
 
 
 def test_colours_go_from_red_over_orange_to_green(extension):

@@ -24,6 +24,7 @@ from tests.inputs.rigs import (
     UNREAL,
     VRM,
     add_rig,
+    bones_of,
     generated,
     hanging,
     mixamo,
@@ -78,11 +79,9 @@ def test_limbs_point_as_the_body_s(shown, make, names):
 
 def on_the_hips(rig):
     """Feet and hands hang on the hips, as the former do where a solver by IK brings the legs to them."""
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    for part in ("foot.L", "foot.R", "hand.L"):
-        rig.data.edit_bones[UNREAL[part]].parent = rig.data.edit_bones[UNREAL["hips"]]
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(rig) as bones:
+        for part in ("foot.L", "foot.R", "hand.L"):
+            bones[UNREAL[part]].parent = bones[UNREAL["hips"]]
 
 
 def on_the_hips_unturned(rig):
@@ -228,11 +227,9 @@ def test_bones_that_end_far_away_are_found_and_toes_bend_as_where_they_do_not(sh
     turns = []
     for longer in (1.0, 100.0):
         rig = add_rig(rig_bones(A_POSE), NAMELESS)
-        bpy.context.view_layer.objects.active = rig
-        bpy.ops.object.mode_set(mode="EDIT")
-        for bone in rig.data.edit_bones:
-            bone.tail = bone.head + (bone.tail - bone.head) * longer
-        bpy.ops.object.mode_set(mode="OBJECT")
+        with bones_of(rig) as bones:
+            for bone in bones:
+                bone.tail = bone.head + (bone.tail - bone.head) * longer
         retargeted(rig, feet=True)
         assert {row.bone for row in rig.mocap_autolabel.bones} - {""} == set(NAMELESS.values()) - {NAMELESS["between"]}
         bpy.context.scene.frame_set(int(shown.motion.frames[-1]))
@@ -242,13 +239,10 @@ def test_bones_that_end_far_away_are_found_and_toes_bend_as_where_they_do_not(sh
 
 def test_toes_that_are_apart_say_where_a_foot_ends():
     rig = add_rig(rig_bones(), UNREAL)
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    foot, toes = (rig.data.edit_bones[UNREAL[part]] for part in ("foot.L", "toes.L"))
-    foot.length *= 0.4
-    twin = rig.data.edit_bones.new("twin")
-    twin.head, twin.tail, twin.parent = toes.head, toes.tail, foot
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(rig) as own:
+        foot, toes, twin = own[UNREAL["foot.L"]], own[UNREAL["toes.L"]], own.new("twin")
+        foot.length *= 0.4
+        twin.head, twin.tail, twin.parent = toes.head, toes.tail, foot
     bones = [(part, name) for part, name in UNREAL.items() if not part.startswith(("toes", "between"))]
     rest = ReadyRig.of(rig, bones, np.eye(4)).rest
     ball = next(bone.head for bone in rig_bones() if bone.part == "toes.L")
@@ -435,15 +429,12 @@ def leg_by_ik(hung=False, last="shank.L"):
     The pole may hang on the control.
     """
     rig = mixamo()
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones = rig.data.edit_bones
-    for name, place in (("control", bones[MIXAMO["foot.L"]].head), ("pole", bones[MIXAMO["shank.L"]].head)):
-        own = bones.new(name)
-        own.head = place + Vector((0, 0, 60 if name == "pole" else 0))
-        own.tail = own.head + Vector((0, 0, 10))
-    bones["pole"].parent = bones["control"] if hung else None
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(rig) as bones:
+        for name, place in (("control", bones[MIXAMO["foot.L"]].head), ("pole", bones[MIXAMO["shank.L"]].head)):
+            own = bones.new(name)
+            own.head = place + Vector((0, 0, 60 if name == "pole" else 0))
+            own.tail = own.head + Vector((0, 0, 10))
+        bones["pole"].parent = bones["control"] if hung else None
     solver = rig.pose.bones[MIXAMO[last]].constraints.new("IK")
     solver.target = solver.pole_target = rig
     solver.subtarget, solver.pole_subtarget, solver.chain_count = "control", "pole", 2
@@ -674,13 +665,11 @@ def turned_by_a_driver(rig, bone):
 
 def lying_down(rig):
     """At rest its bones go along one axis, as in files that have nothing but turns."""
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    for side in "LR":
-        for part in ("shank", "foot", "toes"):
-            bone = rig.data.edit_bones[MIXAMO[f"{part}.{side}"]]
-            bone.head.z, bone.tail.z = 2 * 0.94 - bone.head.z, 2 * 0.94 - bone.tail.z
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(rig) as bones:
+        for side in "LR":
+            for part in ("shank", "foot", "toes"):
+                bone = bones[MIXAMO[f"{part}.{side}"]]
+                bone.head.z, bone.tail.z = 2 * 0.94 - bone.head.z, 2 * 0.94 - bone.tail.z
 
 
 @pytest.mark.parametrize(
@@ -711,13 +700,10 @@ def test_a_rig_that_cannot_be_moved_says_why(shown, change, words):
 
 def test_hips_connected_to_a_root_go_with_it(shown):
     rig = mixamo()
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    hips = rig.data.edit_bones[0]
-    root = rig.data.edit_bones.new("root")
-    root.head, root.tail = hips.head * 0.5, hips.head
-    hips.parent, hips.use_connect = root, True
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(rig) as bones:
+        hips, root = bones[0], bones.new("root")
+        root.head, root.tail = hips.head * 0.5, hips.head
+        hips.parent, hips.use_connect = root, True
     rig.pose.bones["root"].rotation_quaternion = 0.8, 0.6, 0, 0
     bpy.ops.object.mode_set(mode="POSE")
     action = retargeted(rig)
@@ -737,12 +723,10 @@ def test_hips_connected_to_a_root_go_with_it(shown):
 def test_what_is_posed_between_bones_of_a_leg_is_put_at_rest(shown):
     """As bones of a file that comes in with an animation are."""
     rig = unreal()
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    shank, between = rig.data.edit_bones[UNREAL["shank.L"]], rig.data.edit_bones.new("between")
-    between.head, between.tail, between.parent = shank.head, shank.tail, shank.parent
-    shank.parent = between
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with bones_of(rig) as bones:
+        shank, between = bones[UNREAL["shank.L"]], bones.new("between")
+        between.head, between.tail, between.parent = shank.head, shank.tail, shank.parent
+        shank.parent = between
     rig.pose.bones["between"].location = 0.1, 0.1, 0
     retargeted(rig)
     assert rig.pose.bones["between"].matrix_basis == Matrix()
@@ -752,15 +736,12 @@ def test_what_is_posed_between_bones_of_a_leg_is_put_at_rest(shown):
 def test_what_is_posed_above_hips_but_not_above_legs_is_put_at_rest(shown):
     rigs, names = [unreal(), unreal()], [UNREAL[part] for part in ("hips", "foot.L", "head")]
     for rig in rigs:
-        bpy.context.view_layer.objects.active = rig
-        bpy.ops.object.mode_set(mode="EDIT")
-        bones = rig.data.edit_bones
-        for name in ("root", "waist"):
-            bones.new(name).tail = 0, 0, 0.1
-        bones[UNREAL["hips"]].parent, bones["waist"].parent = bones["waist"], bones["root"]
-        for side in "LR":
-            bones[UNREAL[f"thigh.{side}"]].parent = bones["root"]
-        bpy.ops.object.mode_set(mode="OBJECT")
+        with bones_of(rig) as bones:
+            for name in ("root", "waist"):
+                bones.new(name).tail = 0, 0, 0.1
+            bones[UNREAL["hips"]].parent, bones["waist"].parent = bones["waist"], bones["root"]
+            for side in "LR":
+                bones[UNREAL[f"thigh.{side}"]].parent = bones["root"]
         retargeted(rig)
         for part in ("hips", "spine"):
             rig.mocap_autolabel.bones[part].bone = UNREAL[part]
@@ -773,13 +754,10 @@ def test_what_is_posed_above_hips_but_not_above_legs_is_put_at_rest(shown):
 
 
 def test_feet_stand_as_at_rest_on_a_rig_whose_root_is_tilted(shown):
-    rigs = [unreal(), unreal()]
-    bpy.context.view_layer.objects.active = tilted = rigs[1]
-    bpy.ops.object.mode_set(mode="EDIT")
-    root = tilted.data.edit_bones.new("root")
-    root.tail = 0, 0.3, 0.1
-    tilted.data.edit_bones[UNREAL["hips"]].parent = root
-    bpy.ops.object.mode_set(mode="OBJECT")
+    _, tilted = rigs = [unreal(), unreal()]
+    with bones_of(tilted) as bones:
+        bones.new("root").tail = 0, 0.3, 0.1
+        bones[UNREAL["hips"]].parent = bones["root"]
     tilted.pose.bones["root"].rotation_quaternion = 0.9, 0.2, 0.3, 0.1
     for rig in rigs:
         retargeted(rig, feet=True)

@@ -179,10 +179,6 @@ def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, own_folder, ex
     refused("Add labelled takes first", "train")
 
 
-def test_nothing_can_be_learned_from_nothing(extension, empty):
-    refused("Add labelled takes first", "train")
-
-
 @pytest.fixture
 def standing(empty, settings, own_folder):
     """A labelled take of the demo's virtual person in a scene, whose heel nobody has named in its second frame."""

@@ -188,10 +188,3 @@ def test_a_pipe_without_a_writer_is_refused_at_once(label, tmp_path):
 
 def test_values_that_begin_with_a_minus_are_values(label):
     assert label("--frames", "-5:100", "--facing", "-1e1").status == 0
-
-
-@pytest.mark.parametrize("text", ["1_0:2_0", "\u0661:\u0662", "1" * 5000 + ":", ""])
-def test_only_plain_digits_are_frames(label, text):
-    reason = label("--frames", text).refusal(2)
-    assert "is no range of frames" in reason
-    assert len(reason) < 200

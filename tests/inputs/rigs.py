@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rigs of people as animators have them: of any names, proportions and rest pose, with bones that roll."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,15 +90,24 @@ def add_rig(bones: list[RigBone], names: Mapping[str, str], place: Callable = la
     data = bpy.data.armatures.new("rig")
     rig = bpy.data.objects.new("rig", data)
     bpy.context.scene.collection.objects.link(rig)
+    with bones_of(rig) as own_bones:
+        for bone in bones:
+            own = own_bones.new(names[bone.part])
+            own.head, own.tail, own.roll = Vector(place(bone.head)), Vector(place(bone.tail)), bone.roll
+            if bone.parent:
+                own.parent = own_bones[names[bone.parent]]
+    return rig
+
+
+@contextmanager
+def bones_of(rig) -> Iterator:
+    """The bones of a rig at rest, to be changed; it is the active object from then on."""
+    import bpy
+
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
-    for bone in bones:
-        own = data.edit_bones.new(names[bone.part])
-        own.head, own.tail, own.roll = Vector(place(bone.head)), Vector(place(bone.tail)), bone.roll
-        if bone.parent:
-            own.parent = data.edit_bones[names[bone.parent]]
+    yield rig.data.edit_bones
     bpy.ops.object.mode_set(mode="OBJECT")
-    return rig
 
 
 def as_fbx(point: np.ndarray) -> tuple[float, float, float]:

@@ -368,27 +368,6 @@ def test_vicon_exports_without_units_or_sub_frames_keep_their_first_marker_and_f
         assert (take.first_frame, len(take.xyz), take.rate) == (10, 5, 100)
 
 
-@pytest.mark.parametrize(
-    ("change", "words", "line"),
-    [
-        (lambda t: t.partition("\n\n")[0], "no section Trajectories", 1),
-        (lambda t: t.replace("X,Y,Z", "RX,RY,RZ"), "no columns X, Y, Z", 13),
-        (lambda t: t.partition("Frame,Sub Frame,X")[0], "no columns X, Y, Z", 13),
-        (lambda t: t.replace("\n100\n", "\nnone\n"), "a rate of 'none'", 10),
-        (lambda t: t.partition("\n14,")[0] + "\n14,0,1", "3 fields; expected 11", 18),
-        (lambda t: t.partition("\n10,0,1")[0], "no frames", 0),
-        (lambda t: t.replace(",,Ann:LASI,,,*7,,,Ann:LASI,,", ""), "no columns X, Y, Z", 13),
-        (lambda t: t.partition("\n\nModel")[0][:-1], "without a line end", 18),
-    ],
-)
-def test_what_is_wrong_with_a_vicon_export_is_told(tmp_path, change, words, line):
-    path = tmp_path / "take.csv"
-    path.write_text(change(vicon()))
-    with pytest.raises(InputError, match=words) as caught:
-        read_points(path)
-    assert caught.value.line == line
-
-
 @pytest.mark.parametrize("numbered", [True, False])
 @pytest.mark.parametrize("titled", [True, False])
 def test_qualisys_tsv_export(tmp_path, numbered, titled):
@@ -534,20 +513,28 @@ def test_a_tsv_export_of_old_windows_with_a_time_code_and_left_out_frames(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("change", "words", "line"),
+    ("export", "change", "words", "line"),
     [
-        (lambda t: t.replace("Format Version,1.23,Take Name,test,", ""), "Motive's settings", 1),
-        (lambda t: t.replace("120.000000", "none").replace("240.000000", "-1"), "Export Frame Rate", 1),
-        (lambda t: t.replace("Frame,Time", "No,Time"), "begins with Frame", 12),
-        (lambda t: t.replace("Position", "Rotation"), "no columns of marker positions", 7),
-        (lambda t: t + "5,0.1,0,0", "4 fields; expected 15", 13),
-        (lambda t: t.replace(",1000,", ",hello,"), "'hello' as a coordinate", 8),
-        (lambda t: t + "4" + t.splitlines()[-1][1:] + "\n", "from frame 4 to 4", 13),
+        (vicon, lambda t: t.partition("\n\n")[0], "no section Trajectories", 1),
+        (vicon, lambda t: t.replace("X,Y,Z", "RX,RY,RZ"), "no columns X, Y, Z", 13),
+        (vicon, lambda t: t.partition("Frame,Sub Frame,X")[0], "no columns X, Y, Z", 13),
+        (vicon, lambda t: t.replace("\n100\n", "\nnone\n"), "a rate of 'none'", 10),
+        (vicon, lambda t: t.partition("\n14,")[0] + "\n14,0,1", "3 fields; expected 11", 18),
+        (vicon, lambda t: t.partition("\n10,0,1")[0], "no frames", 0),
+        (vicon, lambda t: t.replace(",,Ann:LASI,,,*7,,,Ann:LASI,,", ""), "no columns X, Y, Z", 13),
+        (vicon, lambda t: t.partition("\n\nModel")[0][:-1], "without a line end", 18),
+        (motive, lambda t: t.replace("Format Version,1.23,Take Name,test,", ""), "Motive's settings", 1),
+        (motive, lambda t: t.replace("120.000000", "none").replace("240.000000", "-1"), "Export Frame Rate", 1),
+        (motive, lambda t: t.replace("Frame,Time", "No,Time"), "begins with Frame", 12),
+        (motive, lambda t: t.replace("Position", "Rotation"), "no columns of marker positions", 7),
+        (motive, lambda t: t + "5,0.1,0,0", "4 fields; expected 15", 13),
+        (motive, lambda t: t.replace(",1000,", ",hello,"), "'hello' as a coordinate", 8),
+        (motive, lambda t: t + "4" + t.splitlines()[-1][1:] + "\n", "from frame 4 to 4", 13),
     ],
 )
-def test_what_is_wrong_with_a_motive_export_is_told(tmp_path, change, words, line):
+def test_what_is_wrong_with_a_vicon_or_motive_export_is_told(tmp_path, export, change, words, line):
     path = tmp_path / "take.csv"
-    path.write_text(change(motive()), encoding="utf-8")
+    path.write_text(change(export()), encoding="utf-8")
     with pytest.raises(InputError, match=words) as caught:
         read_points(path)
     assert caught.value.line == line
