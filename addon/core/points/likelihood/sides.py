@@ -48,10 +48,12 @@ class Sides:
     def __len__(self) -> int:
         return len(self.markers)
 
-    def asked(self, seen: np.ndarray) -> np.ndarray:
-        """(K, Q) those that count of the ones that are seen (K, Q): more of one marker say the same again."""
+    def share(self, seen: np.ndarray) -> np.ndarray:
+        """(K, Q) of its marker's one voice that each has of those that are seen (K, Q): more say the same again."""
+        first, count = (np.searchsorted(self.markers[:, 0], self.markers[:, 0], side) for side in ("left", "right"))
         before = np.cumsum(seen, axis=1) - seen
-        return seen & (before - before[:, np.searchsorted(self.markers[:, 0], self.markers[:, 0])] < SIDES.planes)
+        asked = seen & (before - before[:, first] < SIDES.planes)
+        return asked / np.minimum(count - first, SIDES.planes)
 
     def odds(self, height: np.ndarray, size: float, layout_m: float) -> np.ndarray:
         """(..., Q) by how much likelier a marker as high is on this side than on any, as a logarithm: at most log 2.

@@ -55,20 +55,13 @@ class LayoutOdds:
         return odds * self.coverage[own]
 
     def _of_sides(self, orders: np.ndarray, most: float) -> np.ndarray:
-        """(K, M) log likelihood of the side on which each marker is, by names in orders (K, M + E).
-
-        All that is seen of a marker says the same, so it has one voice.
-        """
+        """(K, M) log likelihood of the side on which each marker is, by names in orders (K, M + E)."""
         found, sides = np.zeros((len(orders), self.markers)), self.sides
         if not len(sides):
             return found
         height = self._heights(orders[:, sides.markers].reshape(-1, 4)).reshape(-1, len(sides))
-        asked = sides.asked(np.isfinite(height))
         odds = np.maximum(sides.odds(height, self.size, MARKER_LIMITS.lab_m), -0.5 * most)
-        count = np.zeros_like(found)
-        np.add.at(found.T, sides.markers[:, 0], np.where(asked, odds, 0).T)
-        np.add.at(count.T, sides.markers[:, 0], asked.T)
-        found /= np.maximum(count, 1)
+        np.add.at(found.T, sides.markers[:, 0], (odds * sides.share(np.isfinite(height))).T)
         return found
 
     def _heights(self, slots: np.ndarray) -> np.ndarray:

@@ -17,9 +17,7 @@ EXCHANGED = [0, 2, 1, 3]
 def voices(sides, points, layout_m):
     """What the sides of all markers in points (T, M, 3) say together, each marker with one voice."""
     height = np.nanmean(heights(points[:, sides.markers]), axis=0)
-    asked = sides.asked(np.isfinite(height)[None])[0]
-    odds, marker = sides.odds(height, 1.0, layout_m)[asked], sides.markers[asked, 0]
-    return (odds / np.bincount(marker)[marker]).sum()
+    return (sides.odds(height, 1.0, layout_m) * sides.share(np.isfinite(height)[None])[0]).sum()
 
 
 def turned(points):
