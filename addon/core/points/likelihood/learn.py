@@ -13,6 +13,7 @@ import numpy as np
 
 from ...body.sides import MIRROR, mirror_order
 from ...data.errors import InputError
+from ...data.physical import MARKER_LIMITS, SIGMAS
 from ...data.progress import finished
 from ...geometry.upright import upright_aligned
 from ...posing.posing import POSING
@@ -232,10 +233,12 @@ def _mirrored(subjects: Sequence[np.ndarray], markers: Sequence[str]) -> list[np
         return []
     mean = learn_shape(subjects).mean
     image = upright_aligned((mean[order] * MIRROR)[None], mean)[0]
-    differs = np.sqrt(((image - mean) ** 2).sum(axis=1).mean())
-    if differs > LEARN.max_mirrored_radii * np.sqrt((mean**2).sum(axis=1).mean()):
+    away = np.sqrt(((image - mean) ** 2).sum(axis=1))
+    if np.sqrt((away**2).mean()) > LEARN.max_mirrored_radii * np.sqrt((mean**2).sum(axis=1).mean()):
         return []
-    return [points[:, order] * MIRROR for points in subjects]
+    # What has no other side by name is as far off the middle as hands put it, or was never meant to be there.
+    beside = (order == np.arange(len(order))) & (away > 2 * SIGMAS * MARKER_LIMITS.placed_m)
+    return [np.where(beside[:, None], np.nan, points[:, order] * MIRROR) for points in subjects]
 
 
 def _learn_calibration(

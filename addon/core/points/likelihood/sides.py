@@ -7,13 +7,13 @@ are exchanged as before. They are not on the same side of it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
+from ...data.physical import SIGMAS
 from ...data.takes import evenly_spread
-from .distances import CONSTRAINING, lengths_of, mean_seen
+from .distances import CONSTRAINING, MAX_OF_MARKER, lengths_of, mean_seen
 from .shape import SHAPE_FRAMES, SUBJECT_PRIOR
 
 
@@ -22,7 +22,7 @@ class SideOptions:
     """Which sides are learned.
 
     near    memory and time: of a marker, whose distances keep best, that make its planes
-    planes  memory and time: of a marker, those that tell its side best
+    planes  memory and time: of a marker, those that tell its side best, of those that a take shows
     """
 
     near: int = 8
@@ -36,7 +36,7 @@ SIDES = SideOptions()
 class Sides:
     """How high the first of four markers is over the plane of the others, as its right-hand screw points.
 
-    markers   (Q, 4)
+    markers   (Q, 4), of a marker those first that tell its side best
     height    (Q,) m
     variance  (Q,) m², of all frames of all subjects
     """
@@ -48,10 +48,12 @@ class Sides:
     def __len__(self) -> int:
         return len(self.markers)
 
-    @cached_property
-    def share(self) -> np.ndarray:
-        """(Q,) of its marker's one voice that each has, as all of a marker's say the same."""
-        return 1 / np.bincount(self.markers[:, 0])[self.markers[:, 0]] if len(self) else np.ones(0)
+    def share(self, seen: np.ndarray) -> np.ndarray:
+        """(K, Q) of its marker's one voice that each has of those that are seen (K, Q): more say the same again."""
+        first, count = (np.searchsorted(self.markers[:, 0], self.markers[:, 0], side) for side in ("left", "right"))
+        before = np.cumsum(seen, axis=1) - seen
+        asked = seen & (before - before[:, first] < SIDES.planes)
+        return asked / np.minimum(count - first, SIDES.planes)
 
     def odds(self, height: np.ndarray, size: float, layout_m: float) -> np.ndarray:
         """(..., Q) by how much likelier a marker as high is on this side than on any, as a logarithm: at most log 2.
@@ -79,18 +81,18 @@ def learn_sides(subjects: Sequence[np.ndarray], radius: float) -> Sides:
     Mirror images, with the sides' names exchanged, are subjects like others. `radius` is the shape's.
     """
     some = [points[evenly_spread(len(points), SHAPE_FRAMES)] for points in subjects]
-    markers = _fours(_steadiness(some), CONSTRAINING.max_sd_radii * radius)
+    markers, keep = _fours(_steadiness(some), CONSTRAINING.max_sd_radii * radius)
     if not len(markers):
         return NO_SIDES
     mean, variance = (np.stack(each) for each in zip(*(_moments(points, markers) for points in some), strict=True))
-    known = np.isfinite(mean).any(axis=0)
-    markers, mean, variance = markers[known], mean[:, known], variance[:, known]
-    height = np.nanmean(mean, axis=0)
-    variance = np.nanmean(variance + (mean - height) ** 2, axis=0)
+    height, count = mean_seen(mean), np.isfinite(mean).sum(axis=0)
+    variance = mean_seen(variance + (mean - height) ** 2)
+    known = (count > 0) & (keep | (height**2 > SIGMAS**2 * variance))
+    markers, height, variance = markers[known], height[known], variance[known]
     clear = height**2 / (variance + (SUBJECT_PRIOR.marker_sd_radii * radius) ** 2)
     order = np.lexsort((-clear, markers[:, 0]))
     first = np.searchsorted(markers[order, 0], markers[order, 0])
-    kept = order[np.arange(len(order)) - first < SIDES.planes]
+    kept = order[np.arange(len(order)) - first < MAX_OF_MARKER]
     return Sides(markers[kept], height[kept], variance[kept])
 
 
@@ -103,14 +105,19 @@ def _steadiness(subjects: Sequence[np.ndarray]) -> np.ndarray:
     return np.minimum(every, every.T)
 
 
-def _fours(varies: np.ndarray, most: float) -> np.ndarray:
-    """(Q, 4) each marker with every three of those whose distances keep best, where all six distances keep."""
+def _fours(varies: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """Each marker with every three of those whose distances keep best (Q, 4), and whether all six distances keep (Q,).
+
+    Three of four keep theirs. The last may be across a joint: a shank is always above its foot.
+    """
     near = np.argsort(varies, axis=1, kind="stable")[:, : min(SIDES.near, len(varies) - 1)]
     three = np.array(list(combinations(range(near.shape[1]), 3)), int).reshape(-1, 3)
     every = np.arange(len(varies))
     fours = np.concatenate([np.repeat(every, len(three))[:, None], near[:, three].reshape(-1, 3)], axis=1)
-    one, other = fours[:, np.triu_indices(4, 1)].swapaxes(0, 1)
-    return fours[(varies[one, other] < most).all(axis=1)]
+    away = ~(varies[fours[:, :, None], fours[:, None]] < most) & ~np.eye(4, dtype=bool)
+    bends = np.stack([away.sum(axis=(1, 2)) - 2 * away[:, last].sum(axis=1) for last in range(4)])
+    some = (bends == 0).any(axis=0)
+    return fours[some], ~away[some].any(axis=(1, 2))
 
 
 def _moments(points: np.ndarray, markers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

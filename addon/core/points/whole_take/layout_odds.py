@@ -60,8 +60,8 @@ class LayoutOdds:
         if not len(sides):
             return found
         height = self._heights(orders[:, sides.markers].reshape(-1, 4)).reshape(-1, len(sides))
-        odds = np.maximum(sides.odds(height, self.size, MARKER_LIMITS.lab_m), -0.5 * most) * sides.share
-        np.add.at(found.T, sides.markers[:, 0], odds.T)
+        odds = np.maximum(sides.odds(height, self.size, MARKER_LIMITS.lab_m), -0.5 * most)
+        np.add.at(found.T, sides.markers[:, 0], (odds * sides.share(np.isfinite(height))).T)
         return found
 
     def _heights(self, slots: np.ndarray) -> np.ndarray:

@@ -75,6 +75,17 @@ def test_a_stranger_is_named_with_markers_hidden_and_ghosts_about_and_none_twice
         assert len(np.unique(given)) == len(given)
 
 
+def test_what_has_no_other_side_by_name_and_is_worn_on_one_has_no_mirror_image():
+    """A plate's corner at one hip: in a mirror it would be at the other."""
+    points = walker(0)
+    left, right = (points[:, NAMES.index(name)] for name in ("LASI", "RASI"))
+    corner = right + 0.15 * (left - right)
+    learned = learn_likelihood([(np.concatenate([points, corner[:, None]], axis=1), "she")], (*NAMES, "corner"))
+    constraint = learned.constraints.joined(len(NAMES) + 1)[-1, [NAMES.index(name) for name in ("LASI", "RASI")]]
+    true = [np.nanmedian(np.linalg.norm(corner - one, axis=1)) for one in (left, right)]
+    assert learned.constraints.length[constraint] == pytest.approx(true, abs=0.01)
+
+
 def test_one_labelled_take_names_another_person():
     """How others differ is taken for granted; who was recorded, and the mirror image of that, say nothing of it."""
     alone = learn_likelihood([(walker(0), "only one")], NAMES)
