@@ -18,6 +18,7 @@ from ...data.lanes import blocks
 from ...data.physical import SIGMAS
 from ...data.takes import NO_MARKER, Labels, evenly_spread
 from ..models import Model
+from ..rigid_bodies.markers import MARKER_MATCH
 from ..whole_take.deciding import least_margin
 from ..whole_take.likeness import NO_EVIDENCE, likeness
 from ..whole_take.matching import leads
@@ -33,8 +34,8 @@ from .parting import NO_BODY, usual_count
 class IdentificationOptions:
     """How the distances of one person differ, and how tracklets are shared out.
 
-    lead        physical: log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one
-                of two who want a tracklet of the other
+    lead        log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one of two
+                who want a tracklet of the other
     put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
     fitting     measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
@@ -42,7 +43,7 @@ class IdentificationOptions:
                 in twice the time
     """
 
-    lead: float = 3.0
+    lead: float = MARKER_MATCH.min_lead
     put_on_m: float = 0.008
     bend: float = 0.02
     fitting: float = -4.0
