@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from ...data.lanes import blocks
-from ...data.physical import SIGMAS
+from ...data.physical import MARKER_LIMITS, SIGMAS
 from ...data.takes import NO_MARKER, Labels, evenly_spread
 from ..models import Model
 from ..rigid_bodies.markers import MARKER_MATCH
@@ -36,7 +36,6 @@ class IdentificationOptions:
 
     lead        log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one of two
                 who want a tracklet of the other
-    put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
     fitting     measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
                 offered: what comes before and after may be stronger evidence; to offer all names two who touch alike,
@@ -44,7 +43,6 @@ class IdentificationOptions:
     """
 
     lead: float = MARKER_MATCH.min_lead
-    put_on_m: float = 0.008
     bend: float = 0.02
     fitting: float = -4.0
 
@@ -111,7 +109,7 @@ class PersonBuild:
 def costs_of(named: list, models: tuple[Model, ...]) -> list[float]:
     """How badly each model goes with what was named on a body, negative log likelihood; inf where not at all."""
     builds, trained = [PersonBuild.of(one) for one in named], [PersonBuild.trained(model) for model in models]
-    varies = IDENTIFICATION.put_on_m
+    varies = MARKER_LIMITS.placed_m  # markers are put on again
     return [min((build.cost(other, varies) for build in builds), default=np.inf) for other in trained]
 
 
