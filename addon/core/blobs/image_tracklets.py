@@ -22,9 +22,6 @@ from .tracking import FrameResult
 class ImageTrackletOptions:
     """When blobs are one tracklet, and when its name overrules a frame's."""
 
-    # by which a blob may be off beside what moves it, partly hidden ones jump; another blob must be farther off by
-    # that
-    noise_m: float = 0.004  # physical
     speed_m_s: float = 4.0  # physical: at most, of a blob of which nothing is known yet
     # another blob must be so many times as far off, so that the nearest is the same either way
     other_ratio: float = 2.0  # physical
@@ -58,8 +55,8 @@ def _tracklets_of(
     """
     numbers: list[np.ndarray] = []
     speed, count = np.zeros(0), 0
-    reaches = IMAGE_TRACKLETS.noise_m + MARKER_LIMITS.push_sd_m_s2 / rate**2, IMAGE_TRACKLETS.speed_m_s / rate
-    clear = IMAGE_TRACKLETS.other_ratio, IMAGE_TRACKLETS.noise_m
+    reaches = MARKER_LIMITS.noise_m + MARKER_LIMITS.push_sd_m_s2 / rate**2, IMAGE_TRACKLETS.speed_m_s / rate
+    clear = IMAGE_TRACKLETS.other_ratio, MARKER_LIMITS.noise_m
     for index, view in enumerate(views):
         own = np.full(view.real.shape, -1)
         ahead = np.full(view.image.shape, np.nan)
@@ -175,8 +172,6 @@ def _settle_marker(naming: Naming, claim: np.ndarray, marker: int):
     best = int(np.argmax(weight.sum(axis=0) - np.where(near, np.minimum(mine, 1), 0).sum(axis=0)))
     near, kept, off = near[:, best], kept[:, best], mine[:, best]
     new = np.where(kept, old, np.where(near, slot, -1))
-    held = (new >= 0) & (new != old) & _suits_its_marker(naming, new)
-    new = np.where(held, old, new)
     if (new >= 0).sum() >= 2 and (new != old).any():
         _give(naming, marker, new, off > frame.rules.max_off_point * room)
 
@@ -186,21 +181,6 @@ def _off(frame: Frame, points: np.ndarray, marker: int, slot: np.ndarray) -> np.
     image = frame.sight.image(frame.sight.local(points[None]))[0]
     off = np.linalg.norm(frame.view.image[frame.cameras, np.maximum(slot, 0)][:, None] - image, axis=2)
     return np.where((slot >= 0)[:, None], off * frame.depth[:, [marker]], TOO_FAR)
-
-
-def _suits_its_marker(naming: Naming, slot: np.ndarray) -> np.ndarray:
-    """(C,) whether the blobs in slots (C,) lie where the other blobs of the markers that they are named after meet."""
-    frame = naming.frame
-    suits = np.zeros(len(slot), bool)
-    camera = np.flatnonzero(slot >= 0)
-    owner = naming.owner[camera, slot[camera]]
-    camera, owner = camera[owner >= 0], owner[owner >= 0]
-    if len(camera):
-        rays = naming.rays[:, owner]
-        rays[camera, np.arange(len(camera))] = -1
-        square = frame.against_points(frame.rays.meet(rays).points, owner)
-        suits[camera] = square[camera, np.arange(len(camera)), slot[camera]] < TOO_FAR
-    return suits
 
 
 def _give(naming: Naming, marker: int, slot: np.ndarray, part: np.ndarray):

@@ -13,12 +13,12 @@ from ..geometry.views import VIEWING, View
 from ..papers.virtual_occlusions.cloud import Cloud, build_cloud
 from ..papers.virtual_occlusions.cost import BlobPull, CloudPull
 from ..papers.virtual_occlusions.fit import Fit, State, body_state, fit_body, fit_placement
-from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, give_nearer, name_merged
+from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, Rules, give_nearer, name_merged
 from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
 from ..posing.posing import POSING
 from .jointly import JOINTLY, name_jointly
 from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
-from .swaps import MAX_EXCHANGES, SWAPS, Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
+from .swaps import MAX_EXCHANGES, Swaps, swap_names, try_swaps, without_own
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class Found:
     @property
     def marker_cost(self) -> float:
         """How badly the names suit a body, a marker: for choosing among frames of one take. Missing markers count."""
-        return self.cost / self.naming.slot.shape[1] + SWAPS.max_unexpected * (1 - self.named)
+        return self.cost / self.naming.slot.shape[1] + Rules.max_square * (1 - self.named)
 
 
 def find_subject(
@@ -279,7 +279,6 @@ def name_found(
         if round_ == NAMING_ROUNDS - 1:
             swaps = settle(naming, subject, state, setup, prior)
             subject, state = refit(naming, subject, setup, SETTLED_STEPS, prior)
-        withdraw_unexpected(naming, state, subject, setup)
         subject, expected = _with_own(naming, subject, state, setup, prior)
     naming = name(view, expected, subject, setup, fixed=fixed)
     return Found(subject, naming, expected, confidence, swaps, _cost(naming, state))
@@ -295,7 +294,7 @@ def _with_own(naming: Naming, subject: Subject, state: State, setup: Setup, prio
 def _cost(naming: Naming, state: State) -> float:
     """What a fit to names costs with the blobs that they leave unnamed."""
     unnamed = int((naming.frame.view.real & (naming.owner < 0)).sum())
-    return float(state.cost[0]) + SWAPS.max_unexpected * unnamed
+    return float(state.cost[0]) + Rules.max_square * unnamed
 
 
 def name_alone(found: Found, placed: State, setup: Setup, prior, fixed: np.ndarray | None) -> Found:

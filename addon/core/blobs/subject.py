@@ -14,7 +14,7 @@ from ..body.bodies import Bodies, BodyModel, Posed
 from ..body.prior import Prior
 from ..body.sides import limb_exchanges, mirror_order, mirrored_places
 from ..data.markersets import MarkerSet
-from ..data.physical import MARKER_LIMITS
+from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, View
 from ..papers.virtual_occlusions.cost import RayPull
@@ -32,9 +32,6 @@ class SubjectOptions:
     # heights; a subject's markers are never taken to sit surer than this where the marker set has them. Other labs
     # than the one it was learned from put them elsewhere by a centimetre, as five people of three of them show
     min_marker_sd: float = 0.008  # measured
-    # own offsets stay within so many deviations of the marker set's own spread, as those of 99 people in 100 do, so
-    # that a wrong name cannot drag one along
-    max_own: float = 3.0  # physical
     # the blobs' noise is never taken to be less, a few frames may look better than cameras are
     min_noise_px: float = 0.25  # physical
     max_noise_px: float = 3.0  # physical: nor more; beyond it names are wrong, not blobs
@@ -153,7 +150,7 @@ def learn_own(points: np.ndarray, subject: Subject, posed: Posed, setup: Setup, 
     error = np.where(known[:, None], points - posed.markers[0], 0)
     local = (turn.swapaxes(-1, -2) @ error[..., None])[..., 0] / bodies.scale[0]
     own = bodies.own[0] + rate * local
-    most = SUBJECT.max_own * setup.marker_sd[:, None]
+    most = SIGMAS * setup.marker_sd[:, None]  # so that a wrong name cannot drag one along
     length = np.sqrt((own**2).sum(axis=1, keepdims=True))
     own = own * np.minimum(1, most / np.maximum(length, 1e-9))
     # However long a subject is watched, skin moves.

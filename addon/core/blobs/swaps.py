@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Second thoughts on a frame's names: a marker that does not belong to the body, and neighbours that changed names.
+"""Second thoughts on a frame's names: neighbours that changed names.
 
-The three steps decide blob by blob. Here the whole body judges: a name is dropped when the body without it would not
-have expected the marker there, and two neighbours are tried with each other's names, whole fit and all.
+The three steps decide blob by blob. Here the whole body judges: two neighbours are tried with each other's names, whole
+fit and all.
 """
 
 from dataclasses import dataclass, replace
@@ -19,11 +19,6 @@ from .subject import Setup, Subject, refit, slots_pull
 class SwapOptions:
     """When names are thought over."""
 
-    # squared deviations, of three of them, beyond which two blobs that meet are not the marker's: one marker in 135
-    # is farther off. An unnamed blob, or a missing marker, costs as much
-    max_unexpected: float = 12.0  # physical
-    # how much wider than over the recorded people a new subject's marker layout may vary
-    layout_room: float = 1.25  # physical
     # squared deviations that an exchange must gain before a track is doubted; with 4 walks in five noisy cameras
     # (`body26`) have 1,230 wrong labels for 992
     min_gain: float = 5.0  # measured
@@ -33,27 +28,6 @@ MAX_FITS = 10  # of exchanges, those that promise most
 MAX_EXCHANGES = 3  # of names in a frame; with more the placement is wrong
 SWAP_STEPS = 4  # of a whole fit, from one that is near: Gauss-Newton has settled by then
 SWAPS = SwapOptions()
-
-
-def withdraw_unexpected(naming: Naming, state: State, subject: Subject, setup: Setup):
-    """Takes back the names of markers that only two cameras gave and that the rest of the body would not have expected.
-
-    `state` is the fit to all names of a subject without offsets of its own. What the body would say without a marker
-    follows from the marker's share in the fit: with residual r, covariance of the fit P and noise R, the squared
-    deviation of the prediction without it is rᵀ (R - P)⁻¹ r.
-    """
-    points = naming.meeting.points
-    doubtful = np.isfinite(points[:, 0]) & ((naming.rays >= 0).sum(axis=0) == 2)
-    if not doubtful.any():
-        return
-    noise = ((SWAPS.layout_room * subject.own_sd) ** 2 + setup.rules.slack_m**2)[:, None, None] * np.eye(3)
-    spread = state.covariance()[0]
-    rest = noise - np.minimum(1, 0.9 * noise[:, :1, :1] / np.einsum("mii->m", spread)[:, None, None]) * spread
-    residual = np.where(doubtful[:, None], points - state.posed.markers[0], 0)
-    square = np.einsum("mi,mi->m", residual, np.linalg.solve(rest, residual[..., None])[..., 0])
-    camera, marker = np.nonzero((naming.slot >= 0) & (doubtful & (square > SWAPS.max_unexpected))[None])
-    if len(camera):
-        naming.withdraw(camera, marker)
 
 
 @dataclass(frozen=True, eq=False)

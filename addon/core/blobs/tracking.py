@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import PLACEMENT, Bodies, BodyModel, Posed
-from ..data.physical import MARKER_LIMITS
+from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..geometry import rotations
 from ..geometry.triangulation import MEETING
 from ..geometry.views import NOWHERE, View
@@ -39,9 +39,6 @@ class TrackOptions:
     # share of the last frame's change that is carried on: limbs swing, and slow down; with all of it 0.8 % of walks
     # in five noisy cameras (`gait15`) are lost
     velocity_kept: float = 0.85  # measured
-    # a marker may be off its prediction, standard deviation; twice as much loses 0.6 % of walks in five noisy cameras
-    # (`body26`), half of it nothing
-    marker_sd_m: float = 0.010  # measured
     # share of what a marker is off that the subject's own offset takes over in a frame
     own_rate: float = 0.15  # physical
     # share of the noise that a frame shows which is taken over, a memory of twenty frames
@@ -145,7 +142,7 @@ def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray 
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(TRACKING.velocity_kept * track.velocity))
     prior = Anchor(setup.prior, predicted.bodies, setup.pace)
     with setup.clock("label"):
-        spread = np.broadcast_to((TRACKING.marker_sd_m * setup.pace) ** 2 * np.eye(3), (len(track.lag), 3, 3))
+        spread = np.broadcast_to((POSING.marker_sd_m * setup.pace) ** 2 * np.eye(3), (len(track.lag), 3, 3))
         points = setup.model.pose(predicted.bodies).markers[0] + track.lag
         forecast = Expectation(points, spread, track.visible)
         naming = name(view, forecast, predicted, setup, step1_only=True, fixed=fixed)
@@ -195,7 +192,7 @@ def follower_of(setup: Setup) -> Follower:
         "ridge": DAMPING.ridge,
         "standoff": OCCLUDING.standoff,
         "min_side_share": OCCLUDING.min_side_share,
-        "sd": TRACKING.marker_sd_m * setup.pace,
+        "sd": POSING.marker_sd_m * setup.pace,
         "velocity_kept": TRACKING.velocity_kept,
         # Nothing is known of frames before the last one.
         "velocity_rate": 1.0,
@@ -206,7 +203,7 @@ def follower_of(setup: Setup) -> Follower:
         "noise_rate": TRACKING.noise_rate,
         "min_named_share": SUBJECT.min_named,
         "skin": MARKER_LIMITS.skin_m,
-        "max_own": SUBJECT.max_own,
+        "max_own": SIGMAS,
         "min_noise": SUBJECT.min_noise_px,
         "max_noise": SUBJECT.max_noise_px,
         "kept_share": MEETING.kept_share,

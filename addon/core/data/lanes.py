@@ -20,7 +20,7 @@ class LaneOptions:
 
     block_cells: int = 100_000  # memory: at once, a few megabytes of whatever is made of them, and
     block_frames: int = 4096  # memory: at most
-    # frames, spread evenly over a take or a subject, that distances and forms are learned from
+    # frames of a take or a subject that distances and forms are learned from, and that a model keeps of a subject
     spread_out: int = 600  # memory
     # beyond which what follows from other tables is not kept, but worked out block by block
     whole_cells: int = 2_000_000  # memory

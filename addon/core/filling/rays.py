@@ -30,7 +30,6 @@ class RayOptions:
     # m, error of a fill of which nothing is known, and what a ray may always pass it by: `auto` is off by less over 2
     # s, however many are missing
     usual_m: float = 0.02  # measured
-    wrong_by: float = 3.0  # measured: factor by which errors to expect are themselves off at most; 10 says the same
     window: int = 300  # memory: frames of a gap that are worked out together, at a cost of their number's cube
 
 
@@ -127,7 +126,7 @@ def _believed(
     passing = along[:, None] * rays.direction - arm
     noise = rays.spread * np.maximum(along, 0.0)
     # Nothing checks a blob that one camera alone named, and errors to expect are themselves off.
-    limit = np.maximum(SIGMAS * RAY_LIMITS.wrong_by * np.hypot(deviation, noise), RAY_LIMITS.usual_m)
+    limit = np.maximum(SIGMAS**2 * np.hypot(deviation, noise), RAY_LIMITS.usual_m)
     kept = (along > 0) & (np.linalg.norm(passing, axis=1) <= limit)
     return rays.pick(kept), passing[kept], noise[kept]
 

@@ -95,4 +95,4 @@ class OtherSubjects:
         pixel = float(np.median(residual)) if len(residual) else SUBJECT.min_noise_px
         pixel = float(np.clip(pixel, SUBJECT.min_noise_px, SUBJECT.max_noise_px))
         ghosts = np.full(len(self.cameras), RECONSTRUCTION.first_ghosts)
-        return Circumstances(pixel, RECONSTRUCTION.first_seen, ghosts)
+        return Circumstances(pixel, RECONSTRUCTION.max_seen, ghosts)

@@ -24,7 +24,7 @@ from ..points.several.pipeline import label_several
 from ..points.several.together import LabelledSubjects, beside, measured_of_first
 from ..points.several.wearers import SetsWorn
 from .fitted_subjects import FollowedSubjects
-from .followed_together import FollowedTogether, SeveralBlobs, label_together
+from .followed_together import FOLLOWED_TOGETHER, FollowedTogether, SeveralBlobs, label_together
 from .through_points import PointsOfBlobs, without_number
 
 
@@ -41,7 +41,7 @@ class CheckingBackOptions:
     most: float = 24.0  # measured: beyond which a blob is not its marker's, and
     # by which it must be cheaper than by any marker of somebody else that can be seen there: else both explain it about
     # as well, as where images melt into one blob
-    lead: float = 2.0  # measured
+    lead: float = FOLLOWED_TOGETHER.lead
     share: float = 0.4  # measured: of the time of the work that is reconstruction
 
 

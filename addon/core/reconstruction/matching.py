@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.physical import MARKER_LIMITS
 from ..geometry.triangulation import Rays, passing
 from ..geometry.views import NOWHERE, VIEWING, Sight, View
 from ..papers.virtual_occlusions.labelling import Rules
@@ -28,8 +29,8 @@ class MatchingOptions:
     room_m3: float = 10.0  # physical: about the space in which a marker may be
     min_distance_m: float = 0.006  # physical: between two markers; nearer, two points are one
     max_blur_m: float = 0.02  # measured: standard deviation along its worst axis of a point; one less certain is none
-    min_lead: float = 1.5  # measured: log likelihood by which a point of two rays must lead any other use of its blobs
-    max_alone_m: float = 1.0  # physical: from all other markers, as they are on one subject
+    # log likelihood by which a point of two rays must lead any other use of its blobs, as half a square does
+    min_lead: float = Rules.min_lead / 2
 
 
 MATCHING = MatchingOptions()
@@ -363,7 +364,7 @@ def _not_alone(points: FramePoints) -> FramePoints:
     frames = int(points.frame.max(initial=0)) + 1
     there = padded(points.points[sure], points.frame[sure], frames)
     offset = points.points[:, None] - there[points.frame]
-    near = (np.einsum("qni,qni->qn", offset, offset) < MATCHING.max_alone_m**2).any(axis=1)
+    near = (np.einsum("qni,qni->qn", offset, offset) < MARKER_LIMITS.limb_m**2).any(axis=1)
     near |= np.bincount(points.frame[sure], minlength=frames)[points.frame] < 3
     return points.of(near)
 

@@ -25,16 +25,15 @@ LEARNING_FRAMES = 4  # of the first chunk that the circumstances are learned fro
 class ReconstructionOptions:
     """How a capture's circumstances are learned.
 
-    Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most; of the two
-    shares, `first_seen` and `max_seen`, half of it, as twice of it would be more than all.
+    Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most; of `max_seen`
+    half of it, as twice of it would be more than all.
     """
 
     min_points: int = 5  # measured: of a trajectory; a shorter one is a passing coincidence of rays
-    first_seen: float = 0.6  # measured: assumed before anything is seen: `Circumstances.seen`, and
-    first_ghosts: float = 3.0  # measured: `Circumstances.ghosts`
+    first_ghosts: float = 3.0  # measured: `Circumstances.ghosts` before anything is seen
     # least that may be assumed; points of many rays, which say it, are the ones that are seen well, and
     min_seen: float = 0.2  # measured
-    max_seen: float = 0.7  # measured: most
+    max_seen: float = 0.7  # measured: most, which is assumed before anything is seen
     min_ghosts: float = 0.2  # measured: a frame, in every camera
     new_share: float = 0.3  # measured: of what a chunk shows in what is believed from then on
 
@@ -103,7 +102,7 @@ class Reconstructor:
     def __init__(self, cameras: Cameras, rate: float):
         self.cameras, self.sight, self.links = cameras, Sight(cameras), Links.at(rate)
         ghosts = np.full(len(cameras), RECONSTRUCTION.first_ghosts)
-        self.circumstances = Circumstances(Rules.pixel, RECONSTRUCTION.first_seen, ghosts)
+        self.circumstances = Circumstances(Rules.pixel, RECONSTRUCTION.max_seen, ghosts)
         self.learned = False
 
     def reconstruct(self, blobs: Blobs) -> Reconstructed:

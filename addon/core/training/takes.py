@@ -24,12 +24,10 @@ class KeepingOptions:
     """What goes together and what is kept.
 
     max_size_ratio     of a take to the others, and of them to it; physical: people differ by two, units by ten
-    max_frames         of a subject that a model keeps; memory: they make up most of its file
     considered_frames  spread over a subject's takes, of which those are chosen; memory
     """
 
     max_size_ratio: float = 5.0
-    max_frames: int = 600
     considered_frames: int = 4000
 
 
@@ -185,7 +183,7 @@ def training_takes_of(takes: Sequence[LabelledTake], markers: Sequence[str]) -> 
     return kept
 
 
-def most_different(points: np.ndarray, count: int = KEEPING.max_frames) -> np.ndarray:
+def most_different(points: np.ndarray, count: int = PACKING.spread_out) -> np.ndarray:
     """Which frames of (T, M, 3), in their order, up to `count`: half of them evenly spread, half the least alike."""
     even = evenly_spread(len(points), KEEPING.considered_frames)
     points = points[even]

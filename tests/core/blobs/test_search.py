@@ -11,7 +11,7 @@ from addon.core.blobs.confidence import CONFIDENCE, named_confidences, swap_doub
 from addon.core.blobs.jointly import hypotheses_of, name_jointly
 from addon.core.blobs.search import HELD, Hints, find_subject, first_starts, settle, with_arms_held
 from addon.core.blobs.subject import Setup, refit, standing_exchanges
-from addon.core.blobs.swaps import Swaps, swap_names, withdraw_unexpected, without_own
+from addon.core.blobs.swaps import Swaps, swap_names, without_own
 from addon.core.body.bodies import BodyModel
 from addon.core.body.prior import Prior
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, REMAINING
@@ -102,19 +102,20 @@ def test_no_step_is_wrong_in_a_plain_room(name):
     assert right_of[REMAINING] >= 0.95 * all_of[REMAINING]
 
 
-@pytest.mark.parametrize("name", ["gait15", "body26"])
-def test_step_1_stays_right_where_the_later_steps_err(name):
+def test_step_1_stays_right_where_the_later_steps_err():
     """A28: with blobs off by 2 px, steps 2 and 3 are right in most cases, step 1 in all but one in 500.
 
-    What keeps it right is that it leaves to step 2 what a second marker would fit nearly as well.
+    What keeps it right is that it leaves to step 2 what a second marker would fit nearly as well. Of one set there are
+    too few names to tell one in 500.
     """
-    all_of, right_of = by_step(name, BLURRED)
+    names = "gait15", "body26"
+    all_of, right_of = np.sum([by_step(name, BLURRED) for name in names], axis=0)
     wrong = all_of - right_of
-    assert all_of[CONFLICT] >= 30 and all_of[REMAINING] >= 15
+    assert all_of[CONFLICT] >= 60 and all_of[REMAINING] >= 30
     assert wrong[EXCLUSIVE] <= 0.002 * all_of[EXCLUSIVE]
-    assert 3 <= wrong[CONFLICT] <= 0.3 * all_of[CONFLICT]
-    assert 2 <= wrong[REMAINING] <= 0.3 * all_of[REMAINING]
-    hasty, right_of_hasty = by_step(name, BLURRED, Rules(min_lead=0.0))
+    assert 6 <= wrong[CONFLICT] <= 0.3 * all_of[CONFLICT]
+    assert 4 <= wrong[REMAINING] <= 0.3 * all_of[REMAINING]
+    hasty, right_of_hasty = np.sum([by_step(name, BLURRED, Rules(min_lead=0.0)) for name in names], axis=0)
     assert (hasty - right_of_hasty)[EXCLUSIVE] > wrong[EXCLUSIVE]
 
 
@@ -292,34 +293,6 @@ def test_neighbours_of_a_marker_that_was_never_put_on_get_their_names_back():
     settle(naming, subject, state, setup, prior)
     right[camera, behind] = -1
     assert np.array_equal(consistent(naming).slot[:, [absent, beside, behind]], right[:, [absent, beside, behind]])
-
-
-@pytest.mark.parametrize("far", [0.12, 0.3])
-def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
-    """A28: two ghosts that happen to meet far from where the rest of the body has the marker keep no name."""
-    scene, setup, found = case("gait15")
-    naming = true_naming(scene, found)
-    marker = scene.markerset.index("LKNE")
-    camera = np.flatnonzero(naming.slot[:, marker] >= 0)
-    naming.withdraw(camera, np.full(len(camera), marker))
-    # Two blobs in space where nobody is: images of one point in two cameras, put in place of the real ones.
-    ghost = RIG.normalised(scene.points[0, marker] + far * np.array([0.6, 0.8, 0]))
-    image = naming.frame.view.image.copy()
-    pair = camera[:2]
-    slots = np.array([np.flatnonzero(naming.owner[c] < 0)[0] for c in pair])
-    image[pair, slots] = ghost[pair]
-    view = replace(naming.frame.view, image=image)
-    haunted = Naming.empty(Frame(view, setup.sight, found.expected, naming.frame.rules))
-    c, m = np.nonzero(naming.slot >= 0)
-    haunted.give(c, m, naming.slot[c, m], EXCLUSIVE)
-    haunted.give(pair, np.full(2, marker), slots, EXCLUSIVE)
-    assert haunted.meeting.residual[marker] < 1e-6
-    prior = Prior(setup.model, upright_sd=0.35)
-    subject, state = refit(haunted, without_own(found.subject, setup), setup, 4, prior)
-    withdraw_unexpected(haunted, state, subject, setup)
-    assert (consistent(haunted).slot[:, marker] == -1).all()
-    kept = (haunted.slot >= 0).sum() / (naming.slot >= 0).sum()
-    assert kept > 0.9
 
 
 FOUR = ring_rig(4, generator=np.random.default_rng(5))

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...data.physical import SIGMAS
 from ...data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, REMAINING
 from ...geometry.triangulation import MAX_CONDITION, RAY_RIDGE, Meeting, Rays, trimmed_deviation
 from ...geometry.views import NOWHERE, VIEWING, Sight, View
@@ -48,7 +49,7 @@ class Rules:
     min_lead: float = 4.0
     max_miss: float = 3.5
     max_off_point: float = 5.0
-    max_on_point: float = 9.0
+    max_on_point: float = SIGMAS**2
     merged_m: float = 0.02
     min_meetings: int = 5
 

@@ -15,9 +15,10 @@ from typing import Any, Self
 import numpy as np
 
 from ...data.lanes import blocks
-from ...data.physical import SIGMAS
+from ...data.physical import MARKER_LIMITS, SIGMAS
 from ...data.takes import NO_MARKER, Labels, evenly_spread
 from ..models import Model
+from ..rigid_bodies.markers import MARKER_MATCH
 from ..whole_take.deciding import least_margin
 from ..whole_take.likeness import NO_EVIDENCE, likeness
 from ..whole_take.matching import leads
@@ -33,17 +34,15 @@ from .parting import NO_BODY, usual_count
 class IdentificationOptions:
     """How the distances of one person differ, and how tracklets are shared out.
 
-    lead        physical: log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one
-                of two who want a tracklet of the other
-    put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
+    lead        log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one of two
+                who want a tracklet of the other
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
     fitting     measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
                 offered: what comes before and after may be stronger evidence; to offer all names two who touch alike,
                 in twice the time
     """
 
-    lead: float = 3.0
-    put_on_m: float = 0.008
+    lead: float = MARKER_MATCH.min_lead
     bend: float = 0.02
     fitting: float = -4.0
 
@@ -110,7 +109,7 @@ class PersonBuild:
 def costs_of(named: list, models: tuple[Model, ...]) -> list[float]:
     """How badly each model goes with what was named on a body, negative log likelihood; inf where not at all."""
     builds, trained = [PersonBuild.of(one) for one in named], [PersonBuild.trained(model) for model in models]
-    varies = IDENTIFICATION.put_on_m
+    varies = MARKER_LIMITS.placed_m  # markers are put on again
     return [min((build.cost(other, varies) for build in builds), default=np.inf) for other in trained]
 
 

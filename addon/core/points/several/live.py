@@ -19,7 +19,7 @@ from ..whole_take.pairs import trained_pairs
 from ..whole_take.pipeline import PointOptions
 from ..whole_take.search import Moves
 from .bodies import Crowd
-from .identification import IDENTIFICATION, PersonBuild
+from .identification import PersonBuild
 from .pipeline import UnidentifiedError, everybody
 from .together import Everybody
 from .wearers import SetsWorn, SeveralOptions, Wearer, is_same, kinds
@@ -133,5 +133,5 @@ def _unlike(build: PersonBuild, model: Model, shown: np.ndarray, by_model: bool)
     """How badly who is there goes with who was shown (K, M, 3) m before or, where nothing was, with the model."""
     before = PersonBuild.shown(model, shown)
     if by_model and not np.isfinite(before.mean).any():
-        return build.cost(PersonBuild.trained(model), IDENTIFICATION.put_on_m)
+        return build.cost(PersonBuild.trained(model), MARKER_LIMITS.placed_m)
     return build.cost(before, np.sqrt(2) * MARKER_LIMITS.noise_m)

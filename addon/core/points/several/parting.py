@@ -30,8 +30,6 @@ class PartingPeopleOptions:
     firm       part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice
                names eight meetings alike
     often      part of the frames in which so many are apart; measured: as firm
-    whole      part of a set's markers that a body shows at most times; physical: whoever is parted in two has half of
-               them at most on one side
     outer      measured: part of the points that are not farther out than where another body is looked for, as ghosts
                are; 0.8 and 0.97 part 20 kinds of meetings worse, by 0.3 and 0.1 % of the points
     missed     measured: frames in a row without somebody, after which nobody is followed any more; where they are
@@ -47,7 +45,6 @@ class PartingPeopleOptions:
 
     firm: float = 0.2
     often: float = 0.05
-    whole: float = 0.55
     outer: float = 0.9
     missed: int = 4
     gone_over: float = 0.03
@@ -94,7 +91,7 @@ def firm_tracklets(affinity: Affinity) -> np.ndarray:
 
 def is_whole(there: np.ndarray, markers: int) -> bool:
     """Whether a body is one, and no half, of a set of so many markers, by the points (T, L) of it that are there."""
-    return usual_count(there.sum(axis=1)) >= PARTING_PEOPLE.whole * markers
+    return 2 * usual_count(there.sum(axis=1)) > markers  # of who is parted in two either side has half at most
 
 
 def usual_count(counts: np.ndarray) -> float:
@@ -300,11 +297,11 @@ def _coming(
     """
     alone = left[tracklet[affinity.frames]].sum(axis=1)
     frame, most = affinity.frames[alone.argmax()], alone.max()
-    if most < PARTING_PEOPLE.whole * markers:
+    if 2 * most <= markers:
         return []
     people = max(round(most / markers), 1)
     if people > 1:
-        full = affinity.frames[alone >= PARTING_PEOPLE.whole * people * markers]
+        full = affinity.frames[2 * alone > people * markers]
         best = -np.inf
         for at in full[evenly_spread(len(full), PLACES_TRIED)].tolist():
             own = np.flatnonzero(left[tracklet[at]])
@@ -312,9 +309,9 @@ def _coming(
             if group is not None and apart > best:
                 best, found = apart, [tracklet[at, own[group == one]] for one in range(people)]
         if best > -np.inf:
-            return [some for some in found if len(some) >= PARTING_PEOPLE.whole * markers]
+            return [some for some in found if 2 * len(some) > markers]
     own = np.flatnonzero(left[tracklet[frame]])
-    groups = far_groups(points[frame, own], MARKER_LIMITS.limb_m, PARTING_PEOPLE.whole * markers)
+    groups = far_groups(points[frame, own], MARKER_LIMITS.limb_m, markers // 2 + 1)
     return [tracklet[frame, own[group]] for group in groups]
 
 

@@ -10,6 +10,7 @@ from ...data.physical import MARKER_LIMITS
 from ...data.takes import NO_MARKER
 from ...geometry.rigid import MIN_POINTS
 from ...kernels import point_calls, stands_for
+from ...papers.virtual_occlusions.labelling import Rules
 from ..tracklets import CUTTING, VOTE
 from .pairs import PAIRING, PairDistances
 from .tracklets import PlacedMarkers, Tracklets
@@ -25,8 +26,8 @@ class LikenessOptions:
     min_neighbours    below which nothing is said: so many distances fix a place
     independent       measured: of the neighbours asked, whose distances err together; with 3 names of 1 % of plates are
                       wrong, with 6 still trials lose 2 %
-    max_square        measured: standard deviations², beyond which a distance is no worse; with 9 plates lose 2 %, with
-                      32 names of 1 % of crowds are wrong
+    max_square        standard deviations², beyond which a distance is no worse, and a blob is not the marker's; with 9
+                      plates lose 2 %, with 32 names of 1 % of crowds are wrong
     wide_m            m, that a marker's place is known to, whatever its neighbours say
     ghost_density     physical: points that are no marker in a cubic metre: one or two where a person moves
     sample_s          measured: s that a tracklet must be longer to say as much again; with twice plates lose 2 %
@@ -41,7 +42,7 @@ class LikenessOptions:
     considered: int = 18
     min_neighbours: int = MIN_POINTS
     independent: float = 4.0
-    max_square: float = 16.0
+    max_square: float = Rules.max_square
     wide_m: float = MARKER_LIMITS.limb_m
     ghost_density: float = 0.3
     sample_s: float = 0.25
