@@ -130,11 +130,12 @@ def export_character(path: Path, body: Moving, names: str, scale: float, tell: C
     try:
         set_time(scene, body.rate, body.frames)
         with context.temp_override(scene=scene, view_layer=scene.view_layers[0], **chosen):
-            exporter(filepath=str(path), check_existing=False, **options)
+            if "FINISHED" not in exporter(filepath=str(path), check_existing=False, **options):
+                raise RuntimeError("that it wrote nothing")
         if own == "bvh":  # Blender rounds this to microseconds, which is a frame in some minutes
             head, words, rest = path.read_bytes().partition(b"Frame Time: ")
             path.write_bytes(head + words + f"{1 / body.rate:.12g}".encode() + rest[rest.index(b"\n") :])
-    except RuntimeError as error:  # the exporter's trouble, of which the last line says what it was
+    except (RuntimeError, OSError) as error:  # the exporter's trouble, of which the last line says what it was
         reason = str(error).partition("\nLocation: ")[0].strip().splitlines()[-1]
         raise JobError(f"Blender's exporter says {reason}; expected a place that can be written", path) from error
     finally:

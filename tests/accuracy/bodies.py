@@ -30,7 +30,7 @@ from addon.scene.opened import Opened
 from addon.scene.retargeting import rest_bones, retarget_take
 from addon.scene.take import Take, show_take
 from scripts.results import markdown
-from tests.inputs.rigs import generated, hanging, metarig, mixamo, nameless, unreal
+from tests.inputs.rigs import drawn, generated, hanging, metarig, mixamo, nameless, unreal
 
 from . import people
 
@@ -119,6 +119,7 @@ RIGS: dict[str, Callable[[], bpy.types.Object]] = {
     "Unreal's names, A-pose": unreal,
     "VRM's names, hanging arms": hanging,
     "no names": nameless,
+    "a drawn figure": drawn,
 }
 # What Rigify's controls move.
 MOVED = {"torso": "ORG-spine", "neck": "ORG-spine.004", "head": "ORG-spine.006"}
@@ -136,15 +137,22 @@ def on_rigs(take: people.Take, markerset: MarkerSet, motion: Motion) -> Iterator
     character = moving_in(collection, stored).character
     shown = on_ground(motion, markerset, build_of(markerset, motion), take.rate)
     body = character.posed(shown.joints, shown.rotations)
+    found = np.flatnonzero(np.isfinite(body[0]).all(axis=(1, 2)))
     context.view_layer.layer_collection.children[collection.name].exclude = True  # only rigs have to move
     for title, make in RIGS.items():
         rig = make()
         context.view_layer.update()
         matched = match_bones(rest_bones(rig))
+        bones = matched
+        if "torso" in matched.values():
+            bones = {part: MOVED.get(bone, "ORG-" + bone.replace("_fk", "")) for part, bone in matched.items()}
+        retarget_take(context, rig, collection, stored, matched, False, False)
+        free = hips_of(rig, bones, found)
         retarget_take(context, rig, collection, stored, matched, True, False)
+        away = np.linalg.norm(hips_of(rig, bones, found) - free, axis=1)
         if title.endswith("by IK"):
             switch_to_ik(rig)
-        yield [title, *followed(take, character, body, rig, matched)]
+        yield [title, *followed(take, character, body, rig, bones, away)]
         bpy.data.objects.remove(rig)
 
 
@@ -158,18 +166,28 @@ def switch_to_ik(rig: bpy.types.Object):
     rig.update_tag()
 
 
+def hips_of(rig: bpy.types.Object, bones: dict[str, str], frames: np.ndarray) -> np.ndarray:
+    """(K, 3) m the middle between where the thighs of a rig begin, in so many frames."""
+    places, thighs = np.empty((len(frames), 3)), [rig.pose.bones[bones[f"thigh.{side}"]] for side in "LR"]
+    for row, frame in enumerate(frames):
+        bpy.context.scene.frame_set(int(frame))
+        places[row] = rig.matrix_world @ ((thighs[0].head + thighs[1].head) / 2)
+    return places
+
+
 def followed(
     take: people.Take,
     character: Character,
     posed_body: tuple[np.ndarray, np.ndarray],
     rig: bpy.types.Object,
-    matched: dict[str, str],
+    bones: dict[str, str],
+    away: np.ndarray,
 ) -> list[str]:
-    """How a rig follows where a body's bones begin (F, B, 3) and are turned (F, B, 3, 3): limbs, feet, hips, toes."""
+    """How a rig follows where a body's bones begin (F, B, 3) and are turned (F, B, 3, 3): limbs, feet, hips, toes.
+
+    `away` (K,) m is how far its hips are from where they are without Keep Feet.
+    """
     body, turned = posed_body
-    bones = matched
-    if "torso" in matched.values():
-        bones = {part: MOVED.get(bone, "ORG-" + bone.replace("_fk", "")) for part, bone in matched.items()}
     parts, found = [part for part in bones if part in character.names], np.isfinite(body).all(axis=(1, 2))
     posed, tips = np.full((len(body), len(parts), 4, 4), np.nan), np.full((len(body), 2), np.nan)
     toes, world = [bones[f"toes.{side}"] for side in "LR"], rig.matrix_world
@@ -196,14 +214,12 @@ def followed(
             rows[first:end] = False
         own = turned[rows, character.names.index(f"foot.{side}")]
         turns.append(off_their_mean(own.swapaxes(1, 2) @ axes[rows, parts.index(f"foot.{side}")]))
-    hips = np.subtract(*((each["thigh.L"] + each["thigh.R"])[found] / 2 / leg(each, found) for each in (theirs, ours)))
-    away = np.linalg.norm(hips - np.median(hips, axis=0), axis=1) * leg(ours, found)
     return [
         *quantiles(np.concatenate(angles["arm"])),
         *quantiles(np.concatenate(angles["leg"])),
         *quantiles(1000 * slips),
         *quantiles(np.concatenate(turns)),
-        *quantiles(1000 * away),
+        *quantiles(1000 * away * leg(ours, found) / leg(theirs, found)),
         f"{100 * (tips[found] < -0.01).mean():.1f}",
         f"{largest_turn(axes):.0f}",
     ]

@@ -235,11 +235,25 @@ def test_what_is_exported_beside_the_window_is_what_a_script_exports_and_tells_h
     assert sorted(path.name for path in tmp_path.iterdir()) == ["here.bvh"]
 
 
-@pytest.mark.parametrize("kind", ["bvh", "fbx"])
-def test_what_blender_s_exporter_cannot_write_is_one_sentence_and_leaves_the_file_as_it_was(shown, tmp_path, kind):
+@pytest.mark.parametrize(
+    ("kind", "ends", "says"),
+    [
+        ("bvh", None, "No such file"),
+        ("fbx", None, "No such file"),
+        ("bvh", "FINISHED", "No such file"),  # and gone before it was read again
+        ("bvh", "CANCELLED", "that it wrote nothing"),
+        ("fbx", "CANCELLED", "that it wrote nothing"),
+    ],
+)
+def test_what_blender_s_exporter_cannot_write_is_one_sentence_and_leaves_all_as_it_was(
+    shown, tmp_path, monkeypatch, kind, ends, says
+):
+    if ends:
+        exporter = {"bvh": "EXPORT_ANIM_OT_bvh", "fbx": "EXPORT_SCENE_OT_fbx"}[kind]
+        monkeypatch.setattr(getattr(bpy.types, exporter), "execute", lambda *_: {ends})
     body = characters.moving_in(bpy.context.scene.mocap_autolabel.take, stored_take())
     before = {name: len(getattr(bpy.data, name)) for name in ("scenes", "objects", "armatures", "actions")}
-    with pytest.raises(JobError, match=r"No such file.*; expected a place that can be written"):
+    with pytest.raises(JobError, match=rf"Blender's exporter says .*{says}.*; expected a place that can be written"):
         characters.export_character(tmp_path / "gone" / f"a.{kind}", body, "HUMANIK", 1.0, list)
     assert {name: len(getattr(bpy.data, name)) for name in before} == before
 

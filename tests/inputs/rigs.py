@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -137,6 +137,20 @@ def hanging():
 def nameless():
     """Large, between two poses, and without names."""
     return add_rig(rig_bones(30, 1.3, 0.5, 1.1), NAMELESS)
+
+
+def drawn():
+    """A drawn figure, whose hips are twice as wide as a person's, and feet twice as long."""
+    bones = []
+    for bone in rig_bones():
+        part, _, side = bone.part.partition(".")
+        ends = np.array([bone.head, bone.tail])
+        if part in ("thigh", "shank", "foot", "toes"):
+            ends[:, 0] += 0.1 if side == "L" else -0.1
+        if part in ("foot", "toes"):
+            ends[:, 1] = 2 * ends[:, 1] - 0.03
+        bones.append(replace(bone, head=ends[0], tail=ends[1]))
+    return add_rig(bones, NAMELESS)
 
 
 def metarig():

@@ -3,7 +3,7 @@
 
 All is told in the axes of a character at rest: x to its left, looking along -y, z up. Limbs point as the body's do,
 whatever they do at rest; hands, feet, hips and head turn by as much as the body's. The hips' way is as much longer as
-the legs are, but for some of what feet lack that touch the ground where the body's do.
+the legs are; where planted feet are kept, hips go part of the way that those lack, and turn less where they are wider.
 """
 
 from collections.abc import Mapping
@@ -98,7 +98,7 @@ def retarget(
 
     From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments, so many a second. `feet` stay
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
-    Legs and arms bend for that, and hips go along.
+    Legs and arms bend for that; hips go part of what planted feet lack, and turn less where they are wider.
     """
     body = BodyInMotion(character, *character.posed(*motion))
     rig = _with_feet(rig, body)
@@ -311,7 +311,7 @@ def _with_legs(rig: Rig, body: BodyInMotion, posed: Posed, footing: Footing) -> 
         off = ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows]
         missed[BODY_SIDES.index(side)] = _fading(rows, off, len(line), 2 * footing.fade)
     for _ in range(2):
-        missed = uniform_filter1d(missed, footing.fade, axis=1, mode="nearest")
+        missed = uniform_filter1d(missed, 2 * (footing.fade // 2) + 1, axis=1, mode="nearest")
     return least_turn(line, line + wider * (missed[0] - missed[1])), missed.sum(axis=0) / 2
 
 
@@ -331,15 +331,16 @@ def _plant(rig: Rig, body: BodyInMotion, side: str, posed: Posed, footing: Footi
 def _fading(rows: np.ndarray, values: np.ndarray, count: int, fade: int) -> np.ndarray:
     """(F, 3) values of so many frames, by those (K, 3) of some, which go on as they went and fade in so many frames.
 
-    Where the next ones are nearer they become those.
+    By cubic Hermite curves, with the slope of half as many frames; where the next ones are nearer they become those.
     """
     found = np.zeros((count, 3))
     found[rows] = values
     for step in (1, -1):
-        at, known = rows[::step], values[::step]
+        at, known, begin = rows[::step], values[::step], 0
         gaps = np.abs(np.diff(at, append=[*at[-1:] + 2 * step * fade]))
-        for last in np.flatnonzero(gaps > 1):
-            gone = known[last] - known[last - 1] if last and gaps[last - 1] == 1 else np.zeros(3)
+        for last in np.flatnonzero(gaps > 1).tolist():
+            back, begin = min(fade // 2, last - begin), last + 1
+            gone = (known[last] - known[last - back]) / max(back, 1)
             ahead = np.arange(1, min(gaps[last], fade))[:, None]
             part, there = ahead / min(gaps[last], fade), at[last] + step * ahead[:, 0]
             inside = (there >= 0) & (there < count)
@@ -371,10 +372,10 @@ def _rolled(
     """The places (K, 3) m of an ankle from the hip, and turns (K, 3, 3) of its foot, that leave the knee as it is.
 
     For that the foot rolls on its ball, `way` (3,) m from the ankle, towards where this is as `far` (K,) m as the leg
-    has it, less where the leg is over the ball, or a foot is as `short` m, and a roll helps little.
+    has it: by damped least squares, so less where the leg is over the ball, or a foot is as `short` m.
     """
     ball, axis = ankle + turn @ way, turn @ LEFTWARDS
-    for _ in range(2):  # tangents; more of them straighten legs hardly less and turn feet more
+    for _ in range(2):  # steps; with four of them knees are nearer the body's at 99 %, and feet turn more
         across = np.cross(turn @ way, axis)
         wanted = ankle * (far / np.linalg.norm(ankle, axis=1) - 1)[:, None]
         angle = (wanted * across).sum(axis=1) / ((across**2).sum(axis=1) + short**2)
