@@ -85,6 +85,7 @@ def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> 
 
 def _sides(reader: Reader, rows: np.ndarray, count: int) -> Sides:
     """The sides of so many markers, of rows (Q, 6)."""
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
     markers, height, variance = rows[:, :4].astype(int), rows[:, 4], rows[:, 5]
     sound = (markers == rows[:, :4]).all() and ((markers >= 0) & (markers < count)).all()
     sound = sound and (np.diff(np.sort(markers, axis=1), axis=1) > 0).all()

@@ -13,7 +13,7 @@ from ..geometry.views import VIEWING, View
 from ..papers.virtual_occlusions.cloud import Cloud, build_cloud
 from ..papers.virtual_occlusions.cost import BlobPull, CloudPull
 from ..papers.virtual_occlusions.fit import Fit, State, body_state, fit_body, fit_placement
-from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, Rules, give_nearer, name_merged
+from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, give_nearer, name_merged
 from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
 from ..posing.posing import POSING
 from .jointly import JOINTLY, name_jointly
@@ -132,7 +132,7 @@ class Found:
     @property
     def marker_cost(self) -> float:
         """How badly the names suit a body, a marker: for choosing among frames of one take. Missing markers count."""
-        return self.cost / self.naming.slot.shape[1] + Rules.max_square * (1 - self.named)
+        return self.cost / self.naming.slot.shape[1] + self.naming.frame.rules.max_square * (1 - self.named)
 
 
 def find_subject(
@@ -294,7 +294,7 @@ def _with_own(naming: Naming, subject: Subject, state: State, setup: Setup, prio
 def _cost(naming: Naming, state: State) -> float:
     """What a fit to names costs with the blobs that they leave unnamed."""
     unnamed = int((naming.frame.view.real & (naming.owner < 0)).sum())
-    return float(state.cost[0]) + Rules.max_square * unnamed
+    return float(state.cost[0]) + naming.frame.rules.max_square * unnamed
 
 
 def name_alone(found: Found, placed: State, setup: Setup, prior, fixed: np.ndarray | None) -> Found:

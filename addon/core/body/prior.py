@@ -35,6 +35,8 @@ class Prior:
 
     height      mean stature, m; the marker set's by default
     height_sd   its standard deviation, m; the marker set's by default, a few cm when a height was measured
+    bend_floor  rad, added in quadrature to every recorded standard deviation of a bend
+    stretch_sd  how far the scale along one axis strays from the mean of the three, parts of the height
     upright_sd  how far the root's vertical strays from the world's, rad; None holds nothing
     """
 
@@ -44,6 +46,8 @@ class Prior:
         *,
         height: float | None = None,
         height_sd: float | None = None,
+        bend_floor: float = PRIOR.bend_floor_rad,
+        stretch_sd: float = PRIOR.stretch_sd,
         upright_sd: float | None = None,
     ):
         spread = model.markerset.spread
@@ -51,12 +55,12 @@ class Prior:
         self.height_sd = max(spread.height_sd if height_sd is None else float(height_sd), PRIOR.height_floor_m)
         self.bend_mean = np.asarray(spread.pose_mean, dtype=float)[1:].ravel()
         covariance = np.asarray(spread.pose_covariance, dtype=float)[3:, 3:]
-        self.bend_precision = np.linalg.inv(covariance + PRIOR.bend_floor_rad**2 * np.eye(len(covariance)))
+        self.bend_precision = np.linalg.inv(covariance + bend_floor**2 * np.eye(len(covariance)))
         if spread.stiffness is not None:
             self.bend_precision += spread.stiffness[3:, 3:]
         # Of S, 1/m²: its mean about the height, each axis about that mean.
         around = np.eye(3) - np.full((3, 3), 1 / 3)
-        stretch = (PRIOR.stretch_sd * self.height) ** 2
+        stretch = (stretch_sd * self.height) ** 2
         self.scale_precision = np.full((3, 3), 1 / 9) / self.height_sd**2 + around / stretch
         self.upright = 0.0 if upright_sd is None else upright_sd**-2
         self.hessian = self._hessian(model.parameters)

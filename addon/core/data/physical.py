@@ -31,7 +31,7 @@ class MarkerLimits:
     # px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
     noise_px: float = 0.5  # measured
     # m, standard deviation of a point that was reconstructed, beside its motion: blobs that merge or are partly
-    # hidden, and rays that come and go; with 4 mm as reach trajectories break
+    # hidden, and rays that come and go, and of a blob at its distance; with 4 mm as reach trajectories break
     noise_m: float = 0.003  # measured
 
     @property

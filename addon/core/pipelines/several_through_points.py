@@ -32,7 +32,7 @@ from .through_points import PointsOfBlobs, without_number
 class CheckingBackOptions:
     """When a blob keeps the name of its point. Costs are in nats: half the square of a distance over the blobs' noise.
 
-    The first three were chosen on the first four takes of each kind in tests/accuracy/actors.py.
+    The first two were chosen on the first four takes of each kind in tests/accuracy/actors.py.
     """
 
     # what it costs that a body is in the way: nobody's body is exactly the model's, so a blob that goes well with its

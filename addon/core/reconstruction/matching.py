@@ -364,7 +364,7 @@ def _not_alone(points: FramePoints) -> FramePoints:
     frames = int(points.frame.max(initial=0)) + 1
     there = padded(points.points[sure], points.frame[sure], frames)
     offset = points.points[:, None] - there[points.frame]
-    near = (np.einsum("qni,qni->qn", offset, offset) < MARKER_LIMITS.limb_m**2).any(axis=1)
+    near = (np.einsum("qni,qni->qn", offset, offset) < (2 * MARKER_LIMITS.limb_m) ** 2).any(axis=1)
     near |= np.bincount(points.frame[sure], minlength=frames)[points.frame] < 3
     return points.of(near)
 

@@ -78,10 +78,10 @@ def test_any_number_of_cameras(cameras):
     assert right.mean() > (0.6 if cameras == 2 else 0.9)
 
 
-def by_step(name, options, rules=None):
-    """Labels of each step (4,), and those of them that are right, over a score of people in hand-made rigs."""
+def by_step(name, options, rules=None, people=20):
+    """Labels of each step (4,), and those of them that are right, over so many people in hand-made rigs."""
     all_of, right_of = np.zeros((2, 4))
-    for number in range(20):
+    for number in range(people):
         rig = paper_rig(np.random.default_rng(number + 40))
         scene = stand(built_in(name), rig, number + 40, number * 0.8, 1.2 + 0.1 * (number % 8), options)
         found = find_subject(scene.views()[0], replace(Setup.of(rig, scene.markerset), rules=rules or Rules()), Hints())
@@ -102,20 +102,19 @@ def test_no_step_is_wrong_in_a_plain_room(name):
     assert right_of[REMAINING] >= 0.95 * all_of[REMAINING]
 
 
-def test_step_1_stays_right_where_the_later_steps_err():
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_step_1_stays_right_where_the_later_steps_err(name):
     """A28: with blobs off by 2 px, steps 2 and 3 are right in most cases, step 1 in all but one in 500.
 
-    What keeps it right is that it leaves to step 2 what a second marker would fit nearly as well. Of one set there are
-    too few names to tell one in 500.
+    What keeps it right is that it leaves to step 2 what a second marker would fit nearly as well.
     """
-    names = "gait15", "body26"
-    all_of, right_of = np.sum([by_step(name, BLURRED) for name in names], axis=0)
+    all_of, right_of = by_step(name, BLURRED, people=100)
     wrong = all_of - right_of
-    assert all_of[CONFLICT] >= 60 and all_of[REMAINING] >= 30
+    assert all_of[CONFLICT] >= 150 and all_of[REMAINING] >= 75
     assert wrong[EXCLUSIVE] <= 0.002 * all_of[EXCLUSIVE]
-    assert 6 <= wrong[CONFLICT] <= 0.3 * all_of[CONFLICT]
-    assert 4 <= wrong[REMAINING] <= 0.3 * all_of[REMAINING]
-    hasty, right_of_hasty = np.sum([by_step(name, BLURRED, Rules(min_lead=0.0)) for name in names], axis=0)
+    assert 15 <= wrong[CONFLICT] <= 0.3 * all_of[CONFLICT]
+    assert 10 <= wrong[REMAINING] <= 0.3 * all_of[REMAINING]
+    hasty, right_of_hasty = by_step(name, BLURRED, Rules(min_lead=0.0), people=100)
     assert (hasty - right_of_hasty)[EXCLUSIVE] > wrong[EXCLUSIVE]
 
 

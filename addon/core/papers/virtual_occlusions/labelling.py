@@ -196,16 +196,13 @@ class Frame:
             self.depth[:, None, :] < self.depth[..., None] - self.rules.min_behind_m
         )
 
-    def against_points(self, points: np.ndarray, marker=slice(None)) -> np.ndarray:
-        """(C, M, K) squared deviations of blobs from points (M, 3) m; TOO_FAR where far or the point is NaN.
-
-        They are points of the markers at index `marker`, of all by default.
-        """
+    def against_points(self, points: np.ndarray) -> np.ndarray:
+        """(C, M, K) squared deviations of blobs from points (M, 3) m; TOO_FAR where far or the point is NaN."""
         known = np.isfinite(points[:, 0])
         image = self.sight.image(self.sight.local(np.where(known[:, None], points, 0)[None]))[0]
         between = self.view.image[:, None] - image[:, :, None]
         square = between[..., 0] ** 2 + between[..., 1] ** 2
-        square *= ((self.depth / self.metres)[:, marker] ** 2)[..., None]
+        square *= ((self.depth / self.metres) ** 2)[..., None]
         return np.where((square < self.rules.max_off_point**2) & known[None, :, None], square, TOO_FAR)
 
     def with_ray(self, camera: np.ndarray, marker: np.ndarray, slot: np.ndarray) -> np.ndarray:

@@ -132,7 +132,8 @@ def learn_constraints(
     length = mean_seen(sized)
     between = mean_seen((sized - length) ** 2) * count / np.maximum(count - 1, 1)
     # Mirror images show no other subject.
-    others = np.maximum(count * len(subjects) / (len(subjects) + len(images)) - 1, 0)
+    own = np.isfinite(lengths).reshape(-1, len(subjects), len(pair)).any(axis=0)
+    others = np.maximum(own.sum(axis=0) - 1, 0)
     prior = SUBJECT_PRIOR
     guess = (prior.marker_sd_radii * radius) ** 2 + (prior.length_sd * length) ** 2
     between = (others * prior.between**2 * between + guess) / (others + 1)

@@ -236,7 +236,8 @@ def _mirrored(subjects: Sequence[np.ndarray], markers: Sequence[str]) -> list[np
     away = np.sqrt(((image - mean) ** 2).sum(axis=1))
     if np.sqrt((away**2).mean()) > LEARN.max_mirrored_radii * np.sqrt((mean**2).sum(axis=1).mean()):
         return []
-    # What has no other side by name is as far off the middle as hands put it, or was never meant to be there.
+    # What has no other side by name is as far off the middle as hands put it, half as far as from its image, or was
+    # never meant to be there.
     beside = (order == np.arange(len(order))) & (away > 2 * SIGMAS * MARKER_LIMITS.placed_m)
     return [np.where(beside[:, None], np.nan, points[:, order] * MIRROR) for points in subjects]
 

@@ -22,7 +22,7 @@ class SideOptions:
     """Which sides are learned.
 
     near    memory and time: of a marker, whose distances keep best, that make its planes
-    planes  memory and time: of a marker, those that tell its side best, of those that a take shows
+    planes  memory and time: of a marker that count, those that tell its side best of what a take shows
     """
 
     near: int = 8
@@ -97,11 +97,15 @@ def learn_sides(subjects: Sequence[np.ndarray], radius: float) -> Sides:
 
 
 def _steadiness(subjects: Sequence[np.ndarray]) -> np.ndarray:
-    """(M, M) m, standard deviation of each distance in frames of one subject, infinity where that is not known."""
+    """(M, M) m, standard deviation of each distance in frames of one subject, infinity where that is not known.
+
+    NaN of each from itself.
+    """
     count = subjects[0].shape[1]
     spreads = np.stack([lengths_of(points, CONSTRAINING.min_frames)[1] for points in subjects])
     every = np.full((count, count), np.inf)
     every[np.triu_indices(count, 1)] = np.where(np.isfinite(spreads).any(axis=0), np.sqrt(mean_seen(spreads)), np.inf)
+    np.fill_diagonal(every, np.nan)  # nothing is near itself
     return np.minimum(every, every.T)
 
 

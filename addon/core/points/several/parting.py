@@ -91,7 +91,7 @@ def firm_tracklets(affinity: Affinity) -> np.ndarray:
 
 def is_whole(there: np.ndarray, markers: int) -> bool:
     """Whether a body is one, and no half, of a set of so many markers, by the points (T, L) of it that are there."""
-    return 2 * usual_count(there.sum(axis=1)) > markers  # of who is parted in two either side has half at most
+    return 2 * usual_count(there.sum(axis=1)) > markers  # of who is parted in two one side at most is
 
 
 def usual_count(counts: np.ndarray) -> float:
