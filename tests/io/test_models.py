@@ -113,6 +113,8 @@ def test_reading_and_writing_again_changes_nothing(rigid):
     document = likelihood_document(likelihood)
     again = read_likelihood(Reader("model"), json.loads(json.dumps(document)), NAMES)
     assert likelihood_document(again) == document
+    shuffled = document | {"sides": sorted(document["sides"], key=lambda row: -row[0])}
+    assert likelihood_document(read_likelihood(Reader("model"), shuffled, NAMES)) == document
     assert np.allclose(again.shape.modes, likelihood.shape.modes, rtol=1e-5, atol=1e-12)
     assert np.allclose(again.calibration.least, likelihood.calibration.least, rtol=1e-5)
 

@@ -68,6 +68,13 @@ def test_a_foot_that_bends_has_an_inner_side_as_its_shank_is_always_above():
     assert right > 1 > -3 > wrong
 
 
+def test_who_stands_still_and_shows_half_at_a_time_has_no_marker_beside_itself():
+    still = np.tile(np.random.default_rng(0).normal(size=(8, 3)) * (0.2, 0.3, 0.5), (120, 1, 1))
+    still[:60, 5:] = still[60:, :3] = np.nan
+    markers = learn_sides([still], 0.5).markers
+    assert len(markers) and all(len(set(four)) == 4 for four in markers.tolist())
+
+
 def test_what_bends_between_them_has_no_side(clouds):
     clouds[:, :, 3] += np.random.default_rng(0).normal(size=(5, 40, 3))
     assert not len(learn_sides(list(clouds), 0.2))
