@@ -139,7 +139,8 @@ def ablation_page(data: dict) -> str:
     for name, found in sorted(data["variants"].items()):
         some = [[f"`{name}`", case, *_change(row)] for case, row in sorted(found.items()) if matters(row)]
         rows += some
-        without += [] if some else [[f"`{name}`", str(len(found))]]
+        case = max(found, key=lambda case: abs(found[case]["right"][0]) + abs(found[case]["wrong"][0]))
+        without += [] if some else [[f"`{name}`", str(len(found)), case, *_change(found[case])]]
     words = (
         "Differences are in per cent of the markers that are there, with their 95 % intervals, against all stages on.\n"
     )
@@ -155,7 +156,8 @@ def ablation_page(data: dict) -> str:
         words,
         markdown(["variant", "case", "right", "wrong", "seconds", "refused"], rows),
         "## Variants that change no case by more than its interval\n",
-        markdown(["variant", "cases"], without),
+        "With the case that differs most. Of few takes intervals are wide, as one take alone may hold all of it.\n",
+        markdown(["variant", "cases", "case", "right", "wrong", "seconds", "refused"], without),
     ])  # fmt: skip
 
 
