@@ -140,13 +140,19 @@ def _calmed(rotated: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
 
 def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
     """A smooth curve, nowhere below values (F, S) or 0, that comes and goes within so many frames; NaN counts as 0."""
-    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+    from scipy.ndimage import maximum_filter1d
 
     half = max(frames // 2, 1)
-    most = maximum_filter1d(np.maximum(np.nan_to_num(values), 0.0), 4 * half + 1, axis=0)
+    return eased(maximum_filter1d(np.maximum(np.nan_to_num(values), 0.0), 4 * half + 1, axis=0), half)
+
+
+def eased(values: np.ndarray, half: int) -> np.ndarray:
+    """Values (F, ...) as a smooth curve: the mean of so many frames to either side, and that of those means."""
+    from scipy.ndimage import uniform_filter1d
+
     for _ in range(2):
-        most = uniform_filter1d(most, 2 * half + 1, axis=0, mode="nearest")
-    return most
+        values = uniform_filter1d(values, 2 * half + 1, axis=0, mode="nearest")
+    return values
 
 
 def _feet_on_ground(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.sides import BODY_SIDES
-from ..filling.ground import LEG, ON_GROUND, toes_bent
+from ..filling.ground import LEG, ON_GROUND, eased, toes_bent
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
 from ..posing.character import FACING, Character
 from .matching import FINGER_WORDS
@@ -299,20 +299,17 @@ def _with_legs(rig: Rig, body: BodyInMotion, posed: Posed, footing: Footing) -> 
     Turned as the body's, joints that are farther apart would go more ways than legs as long as the rig's. And the hips
     go half of the way that each planted foot lacks, smoothly, because all else goes along.
     """
-    from scipy.ndimage import uniform_filter1d
-
     thighs = [rig.at[f"thigh.{side}"] for side in BODY_SIDES]
     own = footing.scale * np.linalg.norm(body.rest("thigh.L") - body.rest("thigh.R"))
     wider = max(1 - own / max(np.linalg.norm(np.subtract(*rig.heads[thighs])), NO_TURN), 0.0)
     line = np.subtract(*(place_of(rig, *posed, thigh) for thigh in thighs))
-    missed = np.zeros((len(BODY_SIDES), *line.shape))
+    missed = np.zeros((len(line), len(BODY_SIDES), 3))
     for side in rig.legs:
         rows, ankle = _standing(rig, body, side, posed, footing)
         off = ankle - place_of(rig, *posed, rig.at[f"foot.{side}"])[rows]
-        missed[BODY_SIDES.index(side)] = _fading(rows, off, len(line), 2 * footing.fade)
-    for _ in range(2):
-        missed = uniform_filter1d(missed, 2 * (footing.fade // 2) + 1, axis=1, mode="nearest")
-    return least_turn(line, line + wider * (missed[0] - missed[1])), missed.sum(axis=0) / 2
+        missed[:, BODY_SIDES.index(side)] = _fading(rows, off, len(line), 2 * footing.fade)
+    missed = eased(missed, footing.fade // 2)
+    return least_turn(line, line + wider * (missed[:, 0] - missed[:, 1])), missed.sum(axis=1) / 2
 
 
 def _plant(rig: Rig, body: BodyInMotion, side: str, posed: Posed, footing: Footing, aligned: np.ndarray):

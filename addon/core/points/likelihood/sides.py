@@ -7,6 +7,7 @@ are exchanged as before. They are not on the same side of it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -48,12 +49,17 @@ class Sides:
     def __len__(self) -> int:
         return len(self.markers)
 
+    @cached_property
+    def _of_marker(self) -> list[np.ndarray]:
+        """Where those of each one's marker begin (Q,), and where they end (Q,)."""
+        return [np.searchsorted(self.markers[:, 0], self.markers[:, 0], side) for side in ("left", "right")]
+
     def share(self, seen: np.ndarray) -> np.ndarray:
         """(K, Q) of its marker's one voice that each has of those that are seen (K, Q): more say the same again."""
-        first, count = (np.searchsorted(self.markers[:, 0], self.markers[:, 0], side) for side in ("left", "right"))
+        first, end = self._of_marker
         before = np.cumsum(seen, axis=1) - seen
         asked = seen & (before - before[:, first] < SIDES.planes)
-        return asked / np.minimum(count - first, SIDES.planes)
+        return asked / np.minimum(end - first, SIDES.planes)
 
     def odds(self, height: np.ndarray, size: float, layout_m: float) -> np.ndarray:
         """(..., Q) by how much likelier a marker as high is on this side than on any, as a logarithm: at most log 2.

@@ -247,9 +247,8 @@ def doubt_contested(people: Sequence[NamedBody], options: PointOptions):
     """Makes solutions, in place, as sure of a name as it is ahead of the best in which another body has the tracklet.
 
     What has been given to a body shows its distances, and bears itself out. So training alone says what is contested,
-    not sure enough for the target, and how a body is built is then learned from all else. What
-    a person has named is no question, and nobody else's. Nor are points that blobs made: their bodies name the blobs,
-    from more names the better.
+    not sure enough for the target, and how a body is built is then learned from all else. What a person has named is no
+    question, and nobody else's. Nor are points that blobs made: their bodies name the blobs, the better the more names.
     """
     named = [_Named.of(one, one.solution) for one in people if one.solution is not None]
     if options.traced or len(named) < 2:
