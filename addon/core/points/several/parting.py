@@ -95,7 +95,7 @@ def is_whole(there: np.ndarray, markers: int) -> bool:
 
 
 def most_of(markers: int) -> int:
-    """The fewest points that are more than half of so many markers: of who is parted in two one side at most has them."""
+    """The fewest points that are more than half of so many markers: of who is parted one side at most has them."""
     return markers // 2 + 1
 
 
