@@ -115,10 +115,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     },
     "points: gain of poses": {"points.whole_take.objective.Objective.gain_of_poses": lambda *_: 0.0},
     "points: lonely tracklets": {
-        "points.whole_take.solving._Solving._lonely": lambda self, own, search, near: np.zeros(len(own), bool)
-    },
-    "points: names by themselves": {
-        "points.whole_take.deciding._by_itself": lambda solution, given, part: np.zeros(given.shape, bool)
+        "points.whole_take.solving._Solving._lonely": lambda self, own, search: np.zeros(len(own), bool)
     },
     "points: layout of a crowd": {"points.whole_take.solving.named_by_layout": _no_layout},
     "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},

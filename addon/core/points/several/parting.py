@@ -75,7 +75,7 @@ def count_bodies(points: Table, tracklet: np.ndarray, affinity: Affinity, marker
     for frame in frames.tolist():
         own = points[frame][firm[frame]]
         present.append(len(own))
-        sizes.append(len(far_groups(own, MARKER_LIMITS.limb_m, markers / 2)))
+        sizes.append(len(far_groups(own, MARKER_LIMITS.limb_m, most_of(markers))))
     groups = np.sort(sizes)[::-1]
     apart = int(groups[int(PARTING_PEOPLE.often * len(groups))])
     most = round(float(np.quantile(present, 1 - PARTING_PEOPLE.often)) / markers)
@@ -91,7 +91,12 @@ def firm_tracklets(affinity: Affinity) -> np.ndarray:
 
 def is_whole(there: np.ndarray, markers: int) -> bool:
     """Whether a body is one, and no half, of a set of so many markers, by the points (T, L) of it that are there."""
-    return 2 * usual_count(there.sum(axis=1)) > markers  # of who is parted in two one side at most is
+    return usual_count(there.sum(axis=1)) >= most_of(markers)
+
+
+def most_of(markers: int) -> int:
+    """The fewest points that are more than half of so many markers: of who is parted one side at most has them."""
+    return markers // 2 + 1
 
 
 def usual_count(counts: np.ndarray) -> float:
@@ -108,7 +113,7 @@ def along_the_line(points: Table, body: Table, markers: Sequence[int]) -> list[i
     """
     for part in blocks(*body.shape):
         own = body[part]
-        shown = [2 * (own == one).sum(axis=1) > most for one, most in enumerate(markers)]
+        shown = [(own == one).sum(axis=1) >= most_of(worn) for one, worn in enumerate(markers)]
         if frames := np.flatnonzero(np.all(shown, axis=0)).tolist():
             along, whose = points[part.start + frames[0]][:, :2] @ ASKEW, own[frames[0]]
             return np.argsort([np.median(along[whose == one]) for one in range(len(markers))]).tolist()
@@ -297,11 +302,11 @@ def _coming(
     """
     alone = left[tracklet[affinity.frames]].sum(axis=1)
     frame, most = affinity.frames[alone.argmax()], alone.max()
-    if 2 * most <= markers:
+    if most < most_of(markers):
         return []
     people = max(round(most / markers), 1)
     if people > 1:
-        full = affinity.frames[2 * alone > people * markers]
+        full = affinity.frames[alone >= most_of(people * markers)]
         best = -np.inf
         for at in full[evenly_spread(len(full), PLACES_TRIED)].tolist():
             own = np.flatnonzero(left[tracklet[at]])
@@ -309,9 +314,9 @@ def _coming(
             if group is not None and apart > best:
                 best, found = apart, [tracklet[at, own[group == one]] for one in range(people)]
         if best > -np.inf:
-            return [some for some in found if 2 * len(some) > markers]
+            return [some for some in found if len(some) >= most_of(markers)]
     own = np.flatnonzero(left[tracklet[frame]])
-    groups = far_groups(points[frame, own], MARKER_LIMITS.limb_m, markers // 2 + 1)
+    groups = far_groups(points[frame, own], MARKER_LIMITS.limb_m, most_of(markers))
     return [tracklet[frame, own[group]] for group in groups]
 
 

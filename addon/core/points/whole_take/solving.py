@@ -22,7 +22,7 @@ from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, lasting, usual_fit
 from .pairs import in_take
 from .rulings import RULING, Rulings
-from .search import SEARCH, Moves, Search
+from .search import Moves, Search
 from .tracklets import FrameLabels, Tracklets, tracklets_of
 
 
@@ -71,7 +71,6 @@ class Solution:
     questions  markers that may have another's name in most of the take
     crowd      whether more is on the subject than the set's markers
     fit        how the markers sit as their set has them; the residual in a crowd alone
-    near       (M, K) the nearest of each marker, one of which has to be there with it; None where that is not asked
     """
 
     tracklets: Tracklets
@@ -84,7 +83,6 @@ class Solution:
     questions: tuple[Question, ...]
     crowd: bool = False
     fit: SetFit = NO_FIT
-    near: np.ndarray | None = None
 
 
 def solve_take(
@@ -228,11 +226,9 @@ class _Solving:
         own = np.where(marker < self.markers, marker, NO_MARKER)
         margin = margins(odds, marker, self.tracklets.first, self.tracklets.last)
         rivals: tuple[np.ndarray, ...] = ()
-        near = None
         if search is not None:
-            near = search.near[:, 1 : SEARCH.sizes[-1]]
             alone = np.minimum(margin, self._of_seldom(own))
-            alone[self._lonely(own, search, near)] = 0.0
+            alone[self._lonely(own, search)] = 0.0
             of_others, questions, rivals = self._of_others(search, alone)
             margin = np.minimum(alone, of_others)
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
@@ -240,7 +236,7 @@ class _Solving:
         fit = usual_fit(objective.model.learned_likelihood, placed[:, : self.markers])
         fit = fit if self.crowd else replace(fit, residual=0.0)
         return Solution(
-            self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, self.crowd, fit, near
+            self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, self.crowd, fit
         )
 
     def _of_seldom(self, own: np.ndarray) -> np.ndarray:
@@ -255,13 +251,13 @@ class _Solving:
         less = MARGINS.there - np.log(there / (1 - there))
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own] - less, np.inf)
 
-    def _lonely(self, own: np.ndarray, search: Search, near: np.ndarray) -> np.ndarray:
+    def _lonely(self, own: np.ndarray, search: Search) -> np.ndarray:
         """(N,) True for names (N,) of markers of whose nearest none is there at the time, mostly.
 
         Nobody wears one marker of a limb, and who has left leaves none behind.
         """
         tracklets, frame = self.objective.tracklets, self.objective.tracklets.frame
-        near = near[np.maximum(own, 0), : LIKENESS.min_neighbours][:, None]
+        near = search.near[np.maximum(own, 0), 1 : LIKENESS.min_neighbours + 1][:, None]
         beside = np.isfinite(search.best.placed[np.maximum(frame, 0)[..., None], near, 0]).any(axis=2)
         asked = frame >= 0
         lonely = (beside & asked).sum(axis=1) < REFUSAL.min_half * asked.sum(axis=1)
