@@ -388,7 +388,7 @@ def _rolled(
 def _keep_foot_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, footing: Footing):
     """Changes the turns of a foot, which may be longer than the body's, so that its ball is not in the floor.
 
-    It turns up about the ankle, as toes do about the ball, and smoothly: limbs stay as they are.
+    It turns up about the ankle, as toes do about the ball, and smoothly. Limbs and planted feet stay as they are.
     """
     foot = rig.at[f"foot.{side}"]
     sole = _ball(rig, side) * (1, 1, 0) + footing.floor * SKYWARDS - rig.heads[foot]
@@ -397,8 +397,9 @@ def _keep_foot_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, foo
     level = sole * (1, 1, 0) * np.linalg.norm(sole) / np.linalg.norm(sole[:2])
     height = place_of(rig, turns, hips, foot)[:, 2:]
     carrying = turns[:, [foot]] @ least_turn(level, sole)
-    up = rotation_vector(toes_bent(carrying, np.eye(3)[None, None], level[None], 0.0, height))
-    turns[:, [foot]] @= exponential(eased(up, footing.fade // 4))[0]
+    up = eased(rotation_vector(toes_bent(carrying, np.eye(3)[None, None], level[None], 0.0, height)), footing.fade // 4)
+    up[footing.plants[side][0]] = 0.0
+    turns[:, [foot]] @= exponential(up)[0]
 
 
 def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):
