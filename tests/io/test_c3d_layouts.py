@@ -329,6 +329,9 @@ def test_subjects_are_said_anew_where_the_file_names_others(tmp_path):
     take = read_points(source)
     write_c3d(out, take, take.trial, ["Anna"])
     assert otherwise(source, out) == []
+    said = ezc3d.c3d(str(out))["parameters"]["SUBJECTS"]
+    assert [said[name]["value"] for name in ("NAMES", "LABEL_PREFIXES")] == [["Anna"], ["Anna:"]]
+    assert said["USES_PREFIXES"]["value"] == [1]
     write_c3d(out, take, take.trial, ["1", "Jörg"])
     assert otherwise(source, out, anew=("SUBJECTS",)) == []
     said = ezc3d.c3d(str(out))["parameters"]["SUBJECTS"]

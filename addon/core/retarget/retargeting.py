@@ -128,6 +128,7 @@ def retarget(
     for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
         if feet and side in rig.legs:
             _plant(rig, body, side, (turns, hips), footing, aligned)
+            _keep_foot_out(rig, turns, hips, side, footing)
             if f"toes.{side}" in at:
                 _keep_toes_out(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
@@ -290,7 +291,10 @@ def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, di
         found[side] = rows, lowest[rows]
     ground = float(np.median(stands))
     ground = ground if abs(ground) < ON_GROUND.low_m else 0.0
-    return ground, {side: (rows, heights - ground) for side, (rows, heights) in found.items()}
+    for _, heights in found.values():
+        heights -= ground
+        heights[(heights > -ON_GROUND.low_m) & (heights < 0)] = 0.0  # farther below there is no floor
+    return ground, found
 
 
 def _with_legs(rig: Rig, body: BodyInMotion, posed: Posed, footing: Footing) -> tuple[np.ndarray, np.ndarray]:
@@ -379,6 +383,23 @@ def _rolled(
         turn = exponential(axis * angle[:, None])[0] @ turn
         ankle = ball - turn @ way
     return ankle, turn
+
+
+def _keep_foot_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, footing: Footing):
+    """Changes the turns of a foot, which may be longer than the body's, so that its ball is not in the floor.
+
+    It turns up about the ankle, as toes do about the ball, and smoothly. Limbs and planted feet stay as they are.
+    """
+    foot = rig.at[f"foot.{side}"]
+    sole = _ball(rig, side) * (1, 1, 0) + footing.floor * SKYWARDS - rig.heads[foot]
+    if not sole[:2].any():  # the ball is right under the ankle
+        return
+    level = sole * (1, 1, 0) * np.linalg.norm(sole) / np.linalg.norm(sole[:2])
+    height = place_of(rig, turns, hips, foot)[:, 2:]
+    carrying = turns[:, [foot]] @ least_turn(level, sole)
+    up = eased(rotation_vector(toes_bent(carrying, np.eye(3)[None, None], level[None], 0.0, height)), footing.fade // 4)
+    up[footing.plants[side][0]] = 0.0
+    turns[:, [foot]] @= exponential(up)[0]
 
 
 def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):

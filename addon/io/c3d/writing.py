@@ -95,8 +95,8 @@ def write_c3d_file(
         ours = _ours(labels, frames, rate, units.scale, first, kept)
         if isinstance(trial, TextHead):
             ours |= _of_head(trial)
-        if subjects and not (kept and kept.knows(subjects)):
-            ours |= _subjects(subjects)
+        if subjects:
+            ours |= _subjects(subjects, kept)
         events, notes = trial.events if isinstance(trial, TextHead) else (), []
         if some := _events(ours, events[:MAX_EVENTS], rate):
             ours |= some
@@ -290,13 +290,15 @@ def _events(ours: Parameters, events: Sequence[tuple[str, float]], rate: float) 
     return found
 
 
-def _subjects(names: Sequence[str]) -> Parameters:
-    return {
-        "SUBJECTS:USED": _words(len(names)),
-        "SUBJECTS:USES_PREFIXES": _words(1),
-        "SUBJECTS:NAMES": _table(names),
-        "SUBJECTS:LABEL_PREFIXES": _table([f"{name}:" for name in names]),
-    }
+def _subjects(names: Sequence[str], kept: Kept | None) -> Parameters:
+    """What says that the names of subjects stand before those of markers; all of them where the file knows more."""
+    found = {}
+    if kept is not None and kept.knows(names):
+        names = kept.file.texts("SUBJECTS:NAMES")
+    else:
+        found = {"SUBJECTS:USED": _words(len(names)), "SUBJECTS:NAMES": _table(names)}
+    prefixes = [f"{name}:" if name else "" for name in names]
+    return found | {"SUBJECTS:USES_PREFIXES": _words(1), "SUBJECTS:LABEL_PREFIXES": _table(prefixes)}
 
 
 def _words(number: int) -> tuple[int, tuple[int, ...], bytes]:

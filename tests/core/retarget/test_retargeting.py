@@ -72,6 +72,28 @@ def places(one, turns, hips):
     return found
 
 
+@pytest.mark.parametrize(("down", "high", "raised"), [(0.6, 0.05, 0.0), (0.35, 0.06, -1.0), (1.3, 0.22, 0.0)])
+def test_a_long_foot_that_hangs_in_the_air_comes_out_of_the_floor_smoothly_and_legs_stay(squats, down, high, raised):
+    character, (joints, rotations) = squats
+    at = dict(zip(character.names, character.segment, strict=True))
+    hung = np.sin(np.pi * np.clip((np.arange(120) - 40) / 40, 0, 1))[:, None] ** 2
+    turns = rotations[:1].repeat(120, axis=0)
+    for part in (f"{part}.{side}" for part in ("foot", "toes") for side in "LR"):
+        turns[:, at[part]] = exponential(down * hung * [0, 1.0, 0])[0] @ turns[:, at[part]]
+    motion, one = (joints[:1] + high * hung[..., None] * [0, 0, 1], turns), rig(raised=raised)
+    for part in (f"{part}.{side}" for part in ("foot", "toes") for side in "LR"):
+        for end in (one.heads, one.tails):
+            end[one.at[part], 1] *= 2
+    found = [retarget(character, motion, RATE, one, feet, hands=False) for feet in (False, True)]
+    balls = [places(one, *posed)[:, [one.at["toes.L"], one.at["toes.R"]]] for posed in found]
+    low = [place[..., 2].min() - 0.02 for place in balls]
+    assert low[0] < -0.02 < -0.012 < low[1]
+    assert np.ptp(balls[1][: 42 if down < 1 else 36], axis=0).max() < 0.0002, "planted feet stay"
+    legs = [one.at[f"{part}.{side}"] for part in ("thigh", "shank") for side in "LR"]
+    np.testing.assert_allclose(found[1][0][55:65, legs], found[0][0][55:65, legs], atol=0.01)
+    assert np.abs(np.diff(found[1][0][:, one.at["foot.L"]], n=2, axis=0)).max() < 0.05
+
+
 @pytest.mark.parametrize(("size", "thigh", "raised"), [(1.2, 0.56, 0.0), (0.8, 0.45, 0.0), (1.0, 0.5, -1.0)])
 def test_planted_feet_do_not_slide_and_stand_on_the_floor(squats, size, thigh, raised):
     one = rig(size=size, thigh=thigh, raised=raised * size)
@@ -93,6 +115,19 @@ def test_a_rig_stands_on_the_floor_where_feet_are_kept_however_high_the_person_s
         motion = joints + np.array([0, 0, raised]), rotations
         found.append(places(one, *retarget(character, motion, RATE, one, feet, hands=False))[..., 2])
     assert (np.ptp(found, axis=0).max() < 0.002) == feet
+
+
+def test_a_planted_foot_that_is_a_little_lower_than_the_other_stands_level_and_in_a_pit_both_are_where_they_are(squats):
+    character, (joints, rotations) = squats
+    at = dict(zip(character.names, character.segment, strict=True))
+    lower, one = joints.copy(), rig()
+    lower[:, [at[f"{part}.L"] for part in ("thigh", "shank", "foot", "toes")]] -= (0, 0, 0.02)
+    balls, feet = ([one.at[f"{part}.{side}"] for side in "LR"] for part in ("toes", "foot"))
+    turns, hips = retarget(character, (lower, rotations), RATE, one, feet=True, hands=False)
+    np.testing.assert_allclose(places(one, turns, hips)[:, balls, 2], 0.02, atol=0.002)
+    assert turns[:, feet, 2, 2].min() > 0.999
+    pits = [retarget(character, (joints - (0, 0, deep), rotations), RATE, one, True, False) for deep in (0, 0.3)]
+    np.testing.assert_allclose(places(one, *pits[0])[..., 2] - 0.3, places(one, *pits[1])[..., 2], atol=0.02)
 
 
 def on_tiptoe(squats, most=0.9, frames=15):
