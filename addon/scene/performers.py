@@ -167,3 +167,9 @@ def armatures_of(collection: bpy.types.Collection) -> list[tuple[str, bpy.types.
         for item in home.objects
         if item.type == "ARMATURE" and armatures.SCALE in item
     ]
+
+
+def without_armature(collection: bpy.types.Collection) -> list[str]:
+    """The collections of a take whose armature was deleted: those of performers, or the take's own."""
+    there, places = dict(armatures_of(collection)), homes(collection) or {"": collection}
+    return [home.name for name, home in places.items() if name not in there]

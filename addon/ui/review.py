@@ -3,7 +3,7 @@
 
 import bpy
 
-from ..core.data.wording import count_of
+from ..core.data.wording import count_of, listed
 from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.correcting import review_now
 from ..ops.filling import EXTENTS
@@ -13,7 +13,7 @@ from ..ops.reposing import words_behind
 from ..ops.reviewing import words_for
 from ..props import is_opened
 from ..scene.fills import kept_cutoff
-from ..scene.performers import body_material, homes
+from ..scene.performers import body_material, homes, without_armature
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
 from ..scene.take import SOURCE, is_take
 from ..scene.trouble import known_trouble
@@ -74,7 +74,10 @@ def review(layout, context):
             row.operator("mocap_autolabel.take_back_smoothing", text=f"Smoothed at {cutoff:g}", icon="X")
         if settings.take[SOURCE] and not is_opened(settings):
             draw_text(context, layout, f"To refit, open {bpy.path.basename(settings.take[SOURCE])} again", icon="INFO")
-        if words := words_behind(context):  # at the end, as it comes and goes: nothing moves from below the pointer
+        # At the end, as they come and go: nothing moves from below the pointer.
+        if lost := without_armature(settings.take):
+            draw_text(context, layout, f"{listed(lost)} lost its armature; Refit shows it again", icon="ERROR")
+        if words := words_behind(context):
             draw_text(context, layout, words, icon="ERROR")
     _draw_played(layout, context)
 

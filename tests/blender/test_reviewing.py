@@ -19,7 +19,7 @@ from addon.scene import naming
 from addon.scene.take import show_take
 
 from .conftest import label_walk, write_walk
-from .hands import choose, ours, press, refused, session, shown, stored_take
+from .hands import choose, only, ours, press, refused, session, shown, stored_take
 
 FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
@@ -374,3 +374,18 @@ def test_a_graph_shows_just_what_is_meant_from_however_far_before(labelled):
         viewing.fit_graphs(bpy.context, 110, 115)
         ends.append([region.view2d.region_to_view(x, 0)[0] for x in (0, region.width)])
     assert ends == pytest.approx(np.array([[109, 116]] * 2), abs=0.1)
+
+
+def test_an_armature_that_was_deleted_is_missed_until_it_is_shown_again(labelled, monkeypatch):
+    def said() -> str:
+        panel = ours("ui.review")
+        monkeypatch.setattr(panel, "draw_text", MagicMock())
+        panel.review.draw(SimpleNamespace(layout=MagicMock()), bpy.context)
+        return str(panel.draw_text.mock_calls)
+
+    assert "lost its armature" not in said()
+    [armature] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    bpy.data.objects.remove(armature)
+    assert "Mocap: walk lost its armature; Refit shows it again" in said()
+    press("label")
+    assert "lost its armature" not in said()

@@ -28,7 +28,6 @@ SHIPPED = {
     if path.relative_to(build.ROOT).as_posix() not in NOT_SHIPPED
 }
 THREADS = {"_thread", "concurrent.futures", "multiprocessing", "threading"}
-# Where threads still are. Take out the line of a file that has none any more; there is to be none.
 NETWORK = {"asyncio", "ftplib", "http", "requests", "smtplib", "socket", "ssl", "urllib.request", "webbrowser"}
 OF_BLENDER = {"blf", "bpy", "bpy_extras", "gpu", "gpu_extras", "mathutils", "numpy"}
 OF_WHEELS = {"lzallright", "olefile", "scipy", "threadpoolctl"}
