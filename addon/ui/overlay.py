@@ -266,8 +266,13 @@ def _draw_counts(canvas: Canvas, stored: Stored, seen: marks.PointMarks, collect
 
 
 def draw_colours(canvas: Canvas, title: str, rows):
-    """A title and below it colours, each one or from one to another, with the words for them."""
+    """A title and below it colours, each one or from one to another, with the words for them.
+
+    Not where that would be more than the lower half of a view: Blender's own words are in the upper one.
+    """
     left, bottom, line = LEGEND_LEFT * canvas.scale, canvas.foot, LINE * canvas.scale
+    if bottom + line * (len(rows) + 1) > canvas.size[1] / 2:
+        return
     lower = bottom + line * np.arange(len(rows))[::-1]
     y = lower + line * 0.25
     ends = np.stack([np.column_stack([0 * y + left, y]), np.column_stack([0 * y + left + 22 * canvas.scale, y])], 1)

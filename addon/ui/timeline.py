@@ -112,22 +112,26 @@ _drawn, _letters = DrawnRuns(), Letters()
 
 @dataclass(frozen=True)
 class Colours:
-    """What the rows are drawn in beside their states, as the theme of the Dope Sheet has it."""
+    """What the rows are drawn in beside their states, as the theme has the Dope Sheet, or its channels for names."""
 
     ground: np.ndarray  # (3,), and all of them
     stripe: np.ndarray
     chosen: np.ndarray
     words: np.ndarray
     faint: np.ndarray
-    words_chosen: np.ndarray
 
     @classmethod
-    def of(cls, theme: bpy.types.Theme) -> "Colours":
-        space = theme.dopesheet_editor.space
-        ground, words, chosen = np.array(space.back), np.array(space.text), np.array(space.text_hi)
+    def of(cls, theme: bpy.types.Theme, names: bool) -> "Colours":
+        editor = theme.dopesheet_editor
+        back, text = editor.space.back, editor.space.text
+        if names and hasattr(theme, "regions"):  # in Blender 5
+            back, text = theme.regions.channels.back, theme.regions.channels.text
+        elif names:
+            back, text = editor.space_list.list, editor.space_list.list_text
         selecting = np.array(theme.user_interface.wcol_list_item.inner_sel)[:3]
+        ground, words = np.array(back), np.array(text)
         between = lambda other, share: ground + share * (other - ground)  # noqa: E731
-        return cls(ground, between(words, STRIPE), between(selecting, CHOSEN), words, between(words, FAINT), chosen)
+        return cls(ground, between(words, STRIPE), between(selecting, CHOSEN), words, between(words, FAINT))
 
 
 def solid(colour: np.ndarray, opacity: float = 1.0) -> tuple[float, ...]:
@@ -148,14 +152,15 @@ def draw_rows(beside: bool = False):
         return
     runs, region = shown_runs(context), context.region
     places = RowPlaces.of(context, region, len(runs))
-    colours = Colours.of(context.preferences.themes[0])
+    colours, of_names = (Colours.of(context.preferences.themes[0], names) for names in (beside, True))
     _drawn.ready(runs)
     with Pixels(region) as pixels:
         draw_ground(context, pixels, runs, places, colours)
         if not beside:
             draw_runs(context, pixels, runs, places, colours)
+            draw_state_legend(pixels, places, of_names)
         if beside or not context.space_data.show_region_channels:
-            draw_names(context, pixels, runs, places, colours)
+            draw_names(context, pixels, runs, places, of_names)
         if beside:
             pixels.box(0, 0, region.width, places.bottom, solid(colours.ground))
 
@@ -166,7 +171,7 @@ def draw_names_beside():
 
 
 def draw_runs(context: bpy.types.Context, pixels: "Pixels", runs: Runs, places: RowPlaces, colours: Colours):
-    """The stretches of the rows, the frames that are played, and the legend."""
+    """The stretches of the rows, and the frames that are played."""
     left, right = (context.region.view2d.region_to_view(x, 0)[0] for x in (0, context.region.width))
     wide, clock = context.region.width / max(right - left, 1e-6), runs.clock
     _drawn.shader.bind()
@@ -180,8 +185,6 @@ def draw_runs(context: bpy.types.Context, pixels: "Pixels", runs: Runs, places: 
         )
         _drawn.batch.draw(_drawn.shader)
     draw_preview_range(context.scene, pixels, places, (left, wide))
-    if places.bottom:
-        draw_state_legend(pixels, places, colours)
 
 
 class Pixels:
@@ -261,8 +264,10 @@ def draw_preview_range(scene: bpy.types.Scene, pixels: Pixels, places: RowPlaces
 
 
 def draw_state_legend(pixels: Pixels, places: RowPlaces, colours: Colours):
-    """What colours and forms mean, at the bottom."""
+    """What colours and forms mean, at the bottom, where there is room."""
     scale, high = places.scale, places.bottom
+    if not high:
+        return
     pixels.box(0, 0, pixels.size[0], high, solid(colours.ground))
     pixels.box(0, high - scale, pixels.size[0], high, solid(colours.faint))
     x, words = NAME_MARGIN * scale, []
@@ -286,11 +291,10 @@ def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: R
     seen = rows_seen(runs, places)
     base = places.upper(seen) - 0.5 * places.row - 0.35 * size
     seen = seen[(base + size <= places.top) & (base >= places.bottom)]
-    chosen = set(chosen_rows(context, runs, seen).tolist())
     words = []
     for row in seen.tolist():
         y = places.upper(row) - 0.5 * places.row - 0.35 * size
-        words.append((runs.names[row], margin, y, solid(colours.words_chosen if row in chosen else colours.words)))
+        words.append((runs.names[row], margin, y, solid(colours.words)))
         share = f"{runs.found[row] / frames:.1%}"
         x = wide - _letters.width(share, size) - margin
         if beside and x > _letters.width(runs.names[row], size) + 3 * margin:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the overlay draws, and that it draws: through a camera everything lies where Blender itself puts it."""
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
@@ -177,16 +179,25 @@ def test_rays_of_blobs_without_names_meet_where_markers_are(empty, made):
     assert (len(alone.points), len(alone.loose)) == (0, (take.rows.camera[here] == 1).sum())
 
 
-def test_the_timeline_is_drawn_in_the_colours_of_the_theme(extension):
-    theme = bpy.context.preferences.themes[0]
-    space, before = theme.dopesheet_editor.space, tuple(theme.dopesheet_editor.space.back)
-    for shade in (0.1, 0.8):
-        space.back, space.text = (shade,) * 3, (1 - shade,) * 3
-        colours = ours("ui.timeline").Colours.of(theme)
-        np.testing.assert_allclose(colours.ground, shade, atol=0.5 / 255)
-        assert (np.sign(colours.words - colours.ground) == np.sign(0.5 - shade)).all()
-        assert (abs(colours.stripe - shade) < abs(colours.faint - shade)).all()
-    space.back = before
+def contrast(*colours: np.ndarray) -> float:
+    """The contrast of two colours of a theme, as WCAG 2.2 has it: 3 for what is read at a glance, 4.5 for text."""
+    linear = [np.where(one <= 0.04045, one / 12.92, ((one + 0.055) / 1.055) ** 2.4) for one in colours]
+    dark, light = sorted(one @ [0.2126, 0.7152, 0.0722] + 0.05 for one in linear)
+    return light / dark
+
+
+def test_the_timeline_is_drawn_in_the_colours_of_the_theme_in_which_its_names_can_be_read(extension):
+    theme, grounds = bpy.context.preferences.themes[0], []
+    for name in ("Light", "Dark"):
+        [path] = [path for one in bpy.utils.preset_paths("interface_theme") for path in Path(one).glob(f"*_{name}.xml")]
+        bpy.ops.script.execute_preset(filepath=str(path), menu_idname="USERPREF_MT_interface_theme_presets")
+        rows, names = (ours("ui.timeline").Colours.of(theme, names) for names in (False, True))
+        np.testing.assert_allclose(rows.ground, theme.dopesheet_editor.space.back, atol=0.5 / 255)
+        assert all(contrast(ground, names.words) > 4.5 for ground in (names.ground, names.stripe, names.chosen))
+        assert contrast(names.ground, names.faint) > 3
+        assert (abs(names.stripe - names.ground) < abs(names.faint - names.ground)).all()
+        grounds.append(rows.ground.sum())
+    assert grounds[0] > grounds[1]
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blender draws nothing without a window")

@@ -79,7 +79,10 @@ def test_colours_go_from_red_over_orange_to_green(extension):
 
 def test_its_legend_is_above_that_of_a_take(judged, empty, monkeypatch):
     overlay, drawn = ours("ui.overlay"), ours("ui.quality")
-    canvas = MagicMock(foot=20.0, scale=1.0, region=7)
+    canvas = MagicMock(foot=20.0, scale=1.0, region=7, size=(600, 70))
+    overlay.draw_colours(canvas, "12 of 12 points named", [("named", (1, 1, 1, 1))])
+    assert canvas.foot == 20 and not canvas.text.called, "in a low view it would lie on Blender's own words"
+    canvas.size = 600, 400
     canvas.__enter__.return_value = canvas
     overlay.draw_colours(canvas, "12 of 12 points named", [("named", (1, 1, 1, 1))])
     overlay.legend_ends[canvas.region], canvas.foot = canvas.foot, 20.0
