@@ -76,7 +76,7 @@ def review(layout, context):
             draw_text(context, layout, f"To refit, open {bpy.path.basename(settings.take[SOURCE])} again", icon="INFO")
         # At the end, as they come and go: nothing moves from below the pointer.
         if lost := without_armature(settings.take):
-            draw_text(context, layout, f"{listed(lost)} lost its armature; Refit shows it again", icon="ERROR")
+            draw_text(context, layout, f"No armature in {listed(lost)}; Refit shows it again", icon="ERROR")
         if words := words_behind(context):
             draw_text(context, layout, words, icon="ERROR")
     _draw_played(layout, context)

@@ -383,9 +383,9 @@ def test_an_armature_that_was_deleted_is_missed_until_it_is_shown_again(labelled
         panel.review.draw(SimpleNamespace(layout=MagicMock()), bpy.context)
         return str(panel.draw_text.mock_calls)
 
-    assert "lost its armature" not in said()
+    assert "No armature" not in said()
     [armature] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
     bpy.data.objects.remove(armature)
-    assert "Mocap: walk lost its armature; Refit shows it again" in said()
+    assert "No armature in Mocap: walk; Refit shows it again" in said()
     press("label")
-    assert "lost its armature" not in said()
+    assert "No armature" not in said()
