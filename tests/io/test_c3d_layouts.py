@@ -337,6 +337,9 @@ def test_subjects_are_said_anew_where_the_file_names_others(tmp_path):
     said = ezc3d.c3d(str(out))["parameters"]["SUBJECTS"]
     assert [said[name]["value"] for name in ("NAMES", "LABEL_PREFIXES")] == [["1", "Jörg"], ["1:", "Jörg:"]]
     assert (said["USED"]["value"], said["USES_PREFIXES"]["value"]) == ([2], [1])
+    both, one = read_points(out), tmp_path / "one.c3d"
+    write_c3d(one, both, both.trial, ["Jörg"])
+    assert otherwise(out, one) == [], "of two whom the file names, both stay named where one is written"
 
 
 def test_a_file_that_changed_or_went_meanwhile_or_has_no_room_is_one_sentence(tmp_path):

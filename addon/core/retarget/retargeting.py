@@ -36,12 +36,14 @@ class Footing:
     fade    in how many frames a change that they need comes and goes
     plants  in which frames (K,) the body's foot of each side is planted, and how high (K,) m the lower one of its heel
             and ball is over the floor that it stands on
+    pits    how deep (F,) m the ball of that foot is where no floor is
     """
 
     scale: float
     floor: float
     fade: int
     plants: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    pits: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +117,9 @@ def retarget(
         else:
             turns[:, index] = body.turned(part) @ aligned[index]
     scale, floor, lift = _fitted(rig, body)
-    ground, plants = _plants(body, rig.legs, rate) if feet else (0.0, {})
+    ground, *steps = _plants(body, rig.legs, rate) if feet else (0.0, {}, {})
     lift -= scale * ground
-    footing = Footing(scale, floor, max(round(ON_GROUND.span_s * rate), 1), plants)
+    footing = Footing(scale, floor, max(round(ON_GROUND.span_s * rate), 1), *steps)
     begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = begin - turns[:, at["hips"]] @ middle
@@ -275,12 +277,12 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     return scale, floor, float(np.mean(lifts or [0.0]))
 
 
-def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, dict[str, tuple[np.ndarray, np.ndarray]]]:
+def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, dict, dict]:
     """M, how much higher than at rest a body stands on the floor: people's feet, and shoes, are as high as they are.
 
-    And the plants of each side, as `Footing` has them.
+    And the plants and pits of each side, as `Footing` has them.
     """
-    found, stands = {}, [0.0]
+    planted, balls, stands = {}, {}, [0.0]
     for side in legs:
         ankle, ball = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
         begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
@@ -288,13 +290,16 @@ def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, di
         lowest = np.minimum(*heights)
         rows = np.flatnonzero(_planted(body.begin(f"toes.{side}"), lowest, rate))  # which holds still
         stands += lowest[rows][np.abs(np.subtract(*heights))[rows] < ON_GROUND.low_m].tolist()
-        found[side] = rows, lowest[rows]
+        planted[side], balls[side] = (rows, lowest[rows]), heights[0]
     ground = float(np.median(stands))
     ground = ground if abs(ground) < ON_GROUND.low_m else 0.0
-    for _, heights in found.values():
-        heights -= ground
-        heights[(heights > -ON_GROUND.low_m) & (heights < 0)] = 0.0  # farther below there is no floor
-    return ground, found
+    plants = {side: (rows, _over_floor(lowest - ground)) for side, (rows, lowest) in planted.items()}
+    return ground, plants, {side: -np.minimum(_over_floor(height - ground), 0) for side, height in balls.items()}
+
+
+def _over_floor(height: np.ndarray) -> np.ndarray:
+    """(F,) m how high over the floor a foot is, at such a height m: a little below it is on it, far below is none."""
+    return np.minimum(np.maximum(height, 0), np.maximum(height, 2 * height + ON_GROUND.low_m))
 
 
 def _with_legs(rig: Rig, body: BodyInMotion, posed: Posed, footing: Footing) -> tuple[np.ndarray, np.ndarray]:
@@ -395,9 +400,10 @@ def _keep_foot_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, foo
     if not sole[:2].any():  # the ball is right under the ankle
         return
     level = sole * (1, 1, 0) * np.linalg.norm(sole) / np.linalg.norm(sole[:2])
-    height = place_of(rig, turns, hips, foot)[:, 2:]
+    height = (place_of(rig, turns, hips, foot)[:, 2] + footing.scale * footing.pits[side])[:, None]
     carrying = turns[:, [foot]] @ least_turn(level, sole)
-    up = eased(rotation_vector(toes_bent(carrying, np.eye(3)[None, None], level[None], 0.0, height)), footing.fade // 4)
+    up = rotation_vector(toes_bent(carrying, np.eye(3)[None, None], level[None], 0.0, height))
+    up = eased(up, max(footing.fade // 4, 1))
     up[footing.plants[side][0]] = 0.0
     turns[:, [foot]] @= exponential(up)[0]
 

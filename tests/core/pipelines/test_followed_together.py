@@ -23,7 +23,7 @@ from addon.core.pipelines.followed_together import (
 )
 from addon.core.pipelines.several_through_points import SubjectsInImages, label_by_points, label_several_blobs
 from addon.core.points import possible
-from addon.core.points.several.parting import along_the_line
+from addon.core.points.several.parting import NO_BODY, along_the_line
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.io.tables import FileTable, Room
@@ -102,6 +102,8 @@ def test_bodies_stand_along_a_line_in_the_first_frame_that_shows_most_of_each():
     assert along_the_line(points, body, [3, 3]) == [1, 0]
     assert along_the_line(points[3:], body[3:], [3, 3]) == [0, 1]
     assert along_the_line(points[:2], body[:2], [3, 3]) is None
+    half = np.array([[0, 0, NO_BODY, NO_BODY]])
+    assert along_the_line(points[:1, :4], half, [4]) is None and along_the_line(points[:1, :4], half, [3]) == [0]
     level = np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]])
     for turned in (level, level[..., [1, 0, 2]], level @ [[1, -1, 0], [1, 1, 0], [0, 0, 1]]):
         assert along_the_line(turned, np.array([[0, 1]]), [1, 1]) is not None

@@ -8,7 +8,7 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import exponential, rotation_vector
 from addon.core.posing.character import BONE_NAMES, both_sides, character_of
 from addon.core.posing.finer import finer
 from addon.core.retarget.matching import CONTROLS, DEFORMING, RestBones, match_bones, match_map, read_as
@@ -128,6 +128,17 @@ def test_a_planted_foot_that_is_a_little_lower_than_the_other_stands_level_and_i
     assert turns[:, feet, 2, 2].min() > 0.999
     pits = [retarget(character, (joints - (0, 0, deep), rotations), RATE, one, True, False) for deep in (0, 0.3)]
     np.testing.assert_allclose(places(one, *pits[0])[..., 2] - 0.3, places(one, *pits[1])[..., 2], atol=0.02)
+
+
+@pytest.mark.parametrize("size", [0.1, 1.0])
+def test_a_flat_foot_that_steps_down_where_no_floor_is_stays_nearly_level_in_the_air(squats, size):
+    character, (joints, rotations) = squats
+    along = np.clip((np.arange(240) - 80) / 80, 0, 1)
+    way = np.stack([0.6 * along, 0 * along, 0.05 * np.sin(np.pi * along) - 0.3 * along**2 * (3 - 2 * along)], axis=1)
+    motion, one = (joints[:1] + way[:, None], rotations[:1].repeat(240, axis=0)), rig(size=size)
+    foot = retarget(character, motion, RATE, one, feet=True, hands=False)[0][:, one.at["foot.L"]]
+    assert foot[:, 2, 2].min() > np.cos(0.2)
+    assert np.linalg.norm(rotation_vector(foot[1:] @ foot[:-1].swapaxes(1, 2)), axis=1).max() < 0.05
 
 
 def on_tiptoe(squats, most=0.9, frames=15):

@@ -91,7 +91,7 @@ def firm_tracklets(affinity: Affinity) -> np.ndarray:
 
 def is_whole(there: np.ndarray, markers: int) -> bool:
     """Whether a body is one, and no half, of a set of so many markers, by the points (T, L) of it that are there."""
-    return usual_count(there.sum(axis=1)) >= most_of(markers)
+    return usual_count(there.sum(axis=1)) > markers / 2  # which is no whole number
 
 
 def most_of(markers: int) -> int:
