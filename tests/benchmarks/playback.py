@@ -19,7 +19,7 @@ def main():
         write_virtual_points(Path(folder), FRAMES)
         seen = in_window("playback", points=str(Path(folder) / "walk.c3d"))
     alone, beside = (np.array(seen[what]) for what in ("alone", "beside"))
-    print("| of playback | |\n| --- | ---: |")
+    print("| of playback | measured |\n| --- | ---: |")
     print(f"| frames a second, nothing else going on | {np.median(alone[:, 0]):.1f} |")
     print(f"| the same while a take of {FRAMES:,} frames is labelled | {np.median(beside[:, 0]):.1f} |")
     print(f"| frames that are not shown for it | {1 - np.median(beside[:, 0] / alone[:, 0]):.1%} |")
