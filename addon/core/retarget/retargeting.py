@@ -25,6 +25,8 @@ MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, n
 OTHER_SIZE = 2.0  # physical: so many times as long, or as short, are no two people's feet, drawn ones neither
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
 Posed = tuple[np.ndarray, np.ndarray]  # how bones turn (F, C, 3, 3) from their rest, and where the hips begin (F, 3) m
+Plants = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of each side, as `Footing` has them
+Pits = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +44,8 @@ class Footing:
     scale: float
     floor: float
     fade: int
-    plants: Mapping[str, tuple[np.ndarray, np.ndarray]]
-    pits: Mapping[str, np.ndarray]
+    plants: Plants
+    pits: Pits
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +119,9 @@ def retarget(
         else:
             turns[:, index] = body.turned(part) @ aligned[index]
     scale, floor, lift = _fitted(rig, body)
-    ground, *steps = _plants(body, rig.legs, rate) if feet else (0.0, {}, {})
+    ground, plants, pits = _plants(body, rig.legs, rate) if feet else (0.0, {}, {})
     lift -= scale * ground
-    footing = Footing(scale, floor, max(round(ON_GROUND.span_s * rate), 1), *steps)
+    footing = Footing(scale, floor, max(round(ON_GROUND.span_s * rate), 1), plants, pits)
     begin = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = begin - turns[:, at["hips"]] @ middle
@@ -277,7 +279,7 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     return scale, floor, float(np.mean(lifts or [0.0]))
 
 
-def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, dict, dict]:
+def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, Plants, Pits]:
     """M, how much higher than at rest a body stands on the floor: people's feet, and shoes, are as high as they are.
 
     And the plants and pits of each side, as `Footing` has them.
