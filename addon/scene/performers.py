@@ -160,10 +160,9 @@ def marker_colours(
 
 def armatures_of(collection: bpy.types.Collection) -> list[tuple[str, bpy.types.Object]]:
     """The armatures that a take was shown with, each with its performer's name, empty in a take of one."""
-    places = homes(collection) or {"": collection}
     return [
         (name, item)
-        for name, home in places.items()
+        for name, home in _places(collection).items()
         for item in home.objects
         if item.type == "ARMATURE" and armatures.SCALE in item
     ]
@@ -171,5 +170,10 @@ def armatures_of(collection: bpy.types.Collection) -> list[tuple[str, bpy.types.
 
 def without_armature(collection: bpy.types.Collection) -> list[str]:
     """The collections of a take whose armature was deleted: those of performers, or the take's own."""
-    there, places = dict(armatures_of(collection)), homes(collection) or {"": collection}
-    return [home.name for name, home in places.items() if name not in there]
+    there = dict(armatures_of(collection))
+    return [home.name for name, home in _places(collection).items() if name not in there]
+
+
+def _places(collection: bpy.types.Collection) -> dict[str, bpy.types.Collection]:
+    """Where each performer of a take is shown, by name: empty in a take of one, and then in the take itself."""
+    return homes(collection) or {"": collection}
