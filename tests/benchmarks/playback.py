@@ -22,8 +22,8 @@ def main():
     print("| of playback | measured |\n| --- | ---: |")
     print(f"| frames a second, nothing else going on | {np.median(alone[:, 0]):.1f} |")
     print(f"| the same while a take of {FRAMES:,} frames is labelled | {np.median(beside[:, 0]):.1f} |")
-    print(f"| frames that are not shown for it | {1 - np.median(beside[:, 0] / alone[:, 0]):.1%} |")
-    print(f"| of the time, the window is held by the add-on | {beside[:, 1].mean():.2%} |")
+    print(f"| frames that are not shown for it | {100 - 100 * np.median(beside[:, 0] / alone[:, 0]):.1f} % |")
+    print(f"| of the time, the window is held by the add-on | {100 * beside[:, 1].mean():.2f} % |")
     print(f"| at once, at most | {1000 * beside[:, 2].max():.1f} ms |")
 
 
