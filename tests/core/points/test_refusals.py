@@ -165,7 +165,7 @@ def test_recorded_takes_with_many_more_markers_pass(shared_data, take, model):
 
 def test_where_frames_are_not_sure_the_whole_take_must_be(model):
     namer, points = by_likelihood(model), person(1)
-    likely, unlikely = (SetFit(0.0, REFUSAL.min_log_likelihood + more) for more in (0.1, -0.1))
+    likely, unlikely = (SetFit(0.0, 5.0, REFUSAL.min_layout + more) for more in (0.1, -0.1))
     refuse_unlike(model, namer, points, unlikely)
     refuse_unlike(model, namer, points, likely, sure=False)
     for fit, why in ((unlikely, "the points do not lie as its markers do"), (NO_FIT, "no frame shows enough of its")):

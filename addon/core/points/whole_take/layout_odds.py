@@ -26,7 +26,7 @@ class LayoutOdds:
         self.sides, self.size, self.placed = sides, size, placed
         self.near = steadiest(known.variance)
         rows = np.arange(self.markers)[:, None]
-        self.mean = size * known.mean[rows, self.near]
+        self.expected = size * known.mean[rows, self.near]
         self.variance = known.variance[rows, self.near] + MARKER_LIMITS.lab_m**2
         self.apart = size * known.mean
         self.shown, self.spread, self.coverage = shown.mean, shown.variance, coverage
@@ -36,6 +36,11 @@ class LayoutOdds:
         """(K,) what slots are worth by names in orders (K, M + E)."""
         return self.odds(orders, most).sum(axis=1)
 
+    def mean(self) -> float:
+        """Log odds of a marker as it is named, on average of those that are there, for as long as each is."""
+        odds = self.odds(np.arange(len(self.coverage))[None])[0]
+        return float(odds.sum() / max(self.coverage[: self.markers].sum(), 1e-9))
+
     def odds(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
         """(K, M) log odds of each marker by names in orders (K, M + E): order[m] is the slot that is marker m.
 
@@ -43,10 +48,10 @@ class LayoutOdds:
         """
         own, beside = orders[:, : self.markers], orders[:, self.near]
         away, spread = self.shown[own[..., None], beside], self.spread[own[..., None], beside]
-        there = np.isfinite(away) & np.isfinite(self.mean) & np.isfinite(self.variance)
+        there = np.isfinite(away) & np.isfinite(self.expected) & np.isfinite(self.variance)
         there &= np.cumsum(there, axis=-1) <= LIKENESS.neighbours
         asked = there.sum(axis=-1)
-        square = np.where(there, ((away - self.mean) ** 2 + spread) / self.variance, 0)
+        square = np.where(there, ((away - self.expected) ** 2 + spread) / self.variance, 0)
         share = worth_of_each(asked)
         square = np.minimum(square, most).sum(axis=-1) * share
         precision = share * np.where(there, 1 / self.variance, 0).sum(axis=-1) / 3 + LIKENESS.wide_m**-2

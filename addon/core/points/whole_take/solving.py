@@ -234,7 +234,8 @@ class _Solving:
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         fit = usual_fit(objective.model.learned_likelihood, placed[:, : self.markers])
-        fit = fit if self.crowd else replace(fit, residual=0.0)
+        slots = objective.layout(marker, objective.moments(placed), placed)
+        fit = replace(fit, residual=fit.residual if self.crowd else 0.0, layout=slots.mean())
         return Solution(
             self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, self.crowd, fit
         )
