@@ -122,6 +122,48 @@ class LayoutOdds:
         return every_one[list(dict.fromkeys(np.stack(best, axis=1).ravel().tolist()))]
 
 
+class Unmoved:
+    """How well distances bear out that markers are where they were when the set was learned, as exactly as points are.
+
+    So are those of who stood for the set, unless they were put on again. In how large a `part` of the steady distances
+    on one bone it is so is what a naming, whose distances are `shown`, makes likeliest; of other people that is hardly
+    any. known is what training has of M markers, `bone` (M,) whose each is.
+    """
+
+    def __init__(self, known: PairDistances, bone: np.ndarray, shown: Moments):
+        from scipy.optimize import minimize_scalar
+
+        self._known, self._size, self.part = known, sized(known, shown), 0.0
+        self._place = np.arange(len(bone))[:, None], steadiest(known.variance)
+        self._rigid = bone[self._place[0]] == bone[self._place[1]]
+        odds, steady = self._of_pairs(shown)
+        if steady.any():
+            self.part = minimize_scalar(lambda part: -_mixed(odds[steady], part).sum(), bounds=(0, 1)).x
+
+    def odds(self, shown: Moments) -> float:
+        """Log odds of a naming, whose distances are `shown`, against that all markers may be elsewhere."""
+        odds, steady = self._of_pairs(shown)
+        asked = steady.sum(axis=1)
+        each = np.where(steady, _mixed(odds, self.part), 0).sum(axis=1) * worth_of_each(asked)
+        coverage = np.diagonal(shown.count)[: len(each)] / max(shown.frames, 1)
+        return float((each * coverage)[asked >= LIKENESS.min_neighbours].sum())
+
+    def _of_pairs(self, shown: Moments) -> tuple[np.ndarray, np.ndarray]:
+        """(M, Q) log odds that the distance to each neighbour is the one that was learned, and which are steady."""
+        away, spread, count = (part[self._place] for part in (shown.mean, shown.variance, shown.count))
+        mean, variance = self._known.mean[self._place], self._known.variance[self._place]
+        exact = MARKER_LIMITS.noise_m**2
+        steady = self._rigid & (count > 1) & np.isfinite(away + mean + variance) & (spread <= exact)
+        variance = np.where(steady, variance, exact)
+        square = (away - self._size * mean) ** 2 / variance - (away - mean) ** 2 / exact
+        return np.where(steady, 0.5 * (square + np.log(variance / exact)), 0), steady
+
+
+def _mixed(odds: np.ndarray, part: float) -> np.ndarray:
+    """Log odds of what is one of two in such a part of all."""
+    return np.logaddexp(np.log(max(part, 1e-9)) + odds, np.log1p(-part))
+
+
 def two_at_once(orders: np.ndarray, first: int) -> np.ndarray:
     """(K, S) orders, and any two of the first at once that move no slot both, such as a plate turned round.
 
