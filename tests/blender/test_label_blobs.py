@@ -13,21 +13,8 @@ from addon.core.edits.kinds import DeleteBlob, UnlabelBlob
 from addon.io.edits import read_edits
 from addon.io.points import read_points
 
-from .conftest import open_room, write_room
-from .hands import (
-    bones,
-    choose,
-    keys_of,
-    ours,
-    picked,
-    press,
-    refused,
-    reopen,
-    rows_of_export,
-    session,
-    shown,
-    stored_take,
-)
+from .conftest import open_room, ours, press, rows_of_export, write_room
+from .hands import bones, choose, keys_of, picked, refused, reopen, session, shown, stored_take
 
 FRAMES, LOST = 30, "RKNE"
 
@@ -211,30 +198,24 @@ def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extensi
     press("look_through", camera=camera.name)
     pixel = {"scale_x": scene.render.pixel_aspect_x, "scale_y": scene.render.pixel_aspect_y}
     lens = camera.calc_matrix_camera(labelled.evaluated_depsgraph_get(), x=size[0], y=size[1], **pixel)
-    view = SimpleNamespace(
-        view_perspective="CAMERA", perspective_matrix=lens @ camera.matrix_world.normalized().inverted()
-    )
+    matrix = lens @ camera.matrix_world.normalized().inverted()
+    view = SimpleNamespace(view_perspective="CAMERA", perspective_matrix=matrix)
     space = SimpleNamespace(region_3d=view, use_local_camera=False, camera=camera)
     region = SimpleNamespace(type="WINDOW", width=size[0], height=size[1])
     area = SimpleNamespace(regions=[region], spaces=SimpleNamespace(active=space))
     stored = stored_take()
     dots, places = module.dots_in_view(labelled, stored, area)
     assert dots.trajectory.tolist() == np.flatnonzero((files.seen.frame == 14) & (files.seen.camera == 1)).tolist()
-    x, y = files.room.select([1]).matrix[0, :2] @ np.vstack(
-        [
-            files.room.undistort(files.seen.xy[dots.trajectory], files.seen.camera[dots.trajectory]).T,
-            np.ones(len(places)),
-        ]
-    )
+    seen = files.room.undistort(files.seen.xy[dots.trajectory], files.seen.camera[dots.trajectory])
+    x, y = files.room.matrix[1, :2] @ np.column_stack([seen, np.ones(len(places))]).T
     np.testing.assert_allclose(places, np.column_stack([x, size[1] - y]), atol=0.1)
     preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
     context = SimpleNamespace(scene=scene, view_layer=labelled.view_layer, preferences=preferences)
     assert [module.dot_at(context, stored, area, place + 0.4)[1] for place in places] == list(range(len(places)))
     assert module.dot_at(context, stored, area, (-50, -50))[1] is None
     labelled.view_layer.layer_collection.children[scene.mocap_autolabel.take.name].exclude = True
-    assert {module.dot_at(context, stored, area, place)[1] for place in places} == {None}, (
-        "who sees it not picks it not"
-    )
+    nothing = {module.dot_at(context, stored, area, place)[1] for place in places}
+    assert nothing == {None}, "who sees it not picks it not"
 
 
 def test_markers_of_blobs_are_placed_and_answered(labelled, files):
