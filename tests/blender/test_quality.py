@@ -69,15 +69,7 @@ def test_a_locked_marker_stays(laid):
     assert not {name for name in moved if name.endswith(("ANK", "HEE"))}
 
 
-def test_colours_go_from_red_over_orange_to_green(extension):
-    drawn = ours("ui.quality")
-    marks = ours("ui.marks")
-    np.testing.assert_allclose(drawn.clearness(0, 3), marks.RED)
-    np.testing.assert_allclose(drawn.clearness(3, 3), marks.ORANGE)
-    np.testing.assert_allclose(drawn.clearness(60, 3), marks.GREEN)
-
-
-def test_its_legend_is_above_that_of_a_take(judged, empty, monkeypatch):
+def test_its_legend_is_above_that_of_a_take_and_colours_go_from_red_over_orange_to_green(judged, empty, monkeypatch):
     overlay, drawn = ours("ui.overlay"), ours("ui.quality")
     canvas = MagicMock(foot=20.0, scale=1.0, region=7, size=(600, 70))
     overlay.draw_colours(canvas, "12 of 12 points named", [("named", (1, 1, 1, 1))])
@@ -95,3 +87,6 @@ def test_its_legend_is_above_that_of_a_take(judged, empty, monkeypatch):
     drawn.draw()
     heights = [call.args[2] for call in canvas.text.mock_calls]
     assert len(set(heights)) == len(heights) == 2 + 5
+    marks = ours("ui.marks")
+    for separation, colour in ((0, marks.RED), (3, marks.ORANGE), (60, marks.GREEN)):
+        np.testing.assert_allclose(drawn.clearness(separation, 3), colour)
