@@ -140,7 +140,18 @@ def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, 
     np.testing.assert_allclose(keys_of("C7"), before, atol=2e-4)
 
 
-def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
+def test_blobs_are_picked_along_their_tracks_lose_their_names_swap_and_are_none(labelled, files):
+    module, scene = ours("ops.picking"), labelled.scene
+    press("pick", point=row_of(files, "LANK", 1))
+    for frame in (116, 114):
+        scene.frame_set(frame)
+        assert module.picked_points(bpy.context) == [row_of(files, "LANK", 1, frame)]
+    scene.frame_set(200)
+    assert module.picked_points(bpy.context) == []
+    scene.frame_set(116)
+    scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 120, 125
+    refused("the blob is of frame 116", "name_point", marker="LKNE", scope="RANGE")
+    scene.frame_set(115)
     row, other = row_of(files, "LANK", 1), row_of(files, "LKNE", 1)
     press("pick", point=row)
     assert [item.name for item in bpy.context.selected_objects] == ["LANK"]
@@ -159,20 +170,6 @@ def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
     assert (labels[[row, other]] == NO_MARKER).all()
     press("save_corrections")
     assert [type(edit) for edit in read_edits(files.folder / "walk.edits.json")] == [UnlabelBlob, DeleteBlob]
-
-
-def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
-    module = ours("ops.picking")
-    press("pick", point=row_of(files, "LANK", 1))
-    for frame in (116, 114):
-        bpy.context.scene.frame_set(frame)
-        assert module.picked_points(bpy.context) == [row_of(files, "LANK", 1, frame)]
-    bpy.context.scene.frame_set(200)
-    assert module.picked_points(bpy.context) == []
-    bpy.context.scene.frame_set(116)
-    bpy.context.scene.use_preview_range = True
-    bpy.context.scene.frame_preview_start, bpy.context.scene.frame_preview_end = 120, 125
-    refused("the blob is of frame 116", "name_point", marker="LKNE", scope="RANGE")
 
 
 def test_the_lost_marker_is_the_likeliest_for_its_blob(labelled, files, extension):

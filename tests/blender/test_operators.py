@@ -319,37 +319,33 @@ def test_disabled_while_it_works_the_extension_leaves_nothing_of_it(extension, l
         assert (manager.mocap_autolabel.doing, operator._timer, window.status[-1]) == ("", None, None)
 
 
-def test_much_work_is_not_given_up_unasked(ready, labelling, window):
-    state = window.manager.mocap_autolabel
-    cancel = labelling.long_work.MOCAP_AUTOLABEL_OT_cancel
-    state.doing, state.spent, state.cancelled = "Labelling: 40%, 2 min left", 80.0, False
-    asked = SimpleNamespace(execute=cancel.execute)
-    try:
-        assert cancel.invoke(asked, window.context, escape()) == {"RUNNING_MODAL"}
-        assert not state.cancelled
-        assert window.manager.invoke_confirm.call_args.kwargs["title"] == "Throw away 80 s of work?"
-        state.spent = 9.0
-        asked.execute, asked.work = lambda context: cancel.execute(asked, context), lambda _: cancel.work(asked, _)
-        assert cancel.invoke(asked, window.context, escape()) == {"FINISHED"}
-        assert state.cancelled
-    finally:
-        state.doing, state.spent, state.cancelled = "", 0.0, False
-
-
-def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labelling, in_fives, window, monkeypatch):
+def test_the_panel_says_how_long_it_takes_and_its_button_cancels_but_not_much_work_unasked(
+    ready, labelling, in_fives, window
+):
     operator, context, state = window.operator, window.context, window.manager.mocap_autolabel
+    long_work, other = labelling.long_work, Modal(labelling.module)
+    told = [long_work.time_left(10, 0.5), long_work.time_left(1, 0.5), long_work.time_left(60, 0.1)]
+    assert told == ["10 s", "", "9 min"]
     assert operator._begin(context) == {"RUNNING_MODAL"}
     assert state.doing.startswith("Labelling: 0%")
     refused("going on already", "label")
-    other = Modal(labelling.module)
     assert other._begin(context) == {"CANCELLED"}
     assert "labelling goes on; expected" in other.reports[0][1]
+    cancel = long_work.MOCAP_AUTOLABEL_OT_cancel
+    asked = SimpleNamespace(
+        execute=lambda context: cancel.execute(asked, context), work=lambda _: cancel.work(asked, _)
+    )
+    state.spent = 80.0
+    assert cancel.invoke(asked, context, escape()) == {"RUNNING_MODAL"}
+    assert not state.cancelled
+    assert window.manager.invoke_confirm.call_args.kwargs["title"] == "Throw away 80 s of work?"
+    state.spent = 9.0
+    assert cancel.invoke(asked, context, escape()) == {"FINISHED"}
+    assert state.cancelled
+    state.cancelled = False
     press("cancel")
     assert operator.tick(context) == {"CANCELLED"}
     assert state.doing == ""
-    time_left = labelling.long_work.time_left
-    told = [time_left(10, 0.5), time_left(1, 0.5), time_left(60, 0.1)]
-    assert told == ["10 s", "", "9 min"]
 
 
 def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, window):

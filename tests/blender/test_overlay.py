@@ -85,8 +85,6 @@ def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_wha
     assert np.isnan(starts[0]).all()
     assert np.isfinite(starts[1]).all()
 
-
-def test_names_keep_off_the_words_of_the_view(extension):
     class Canvas(ours("ui.overlay").Canvas):
         def __init__(self):
             self.scale, self._words = 1.0, []
@@ -95,7 +93,7 @@ def test_names_keep_off_the_words_of_the_view(extension):
     canvas.text("38 of 38 points named", 60, 20)
     canvas.names(["LASI"], np.array([[70.0, 24.0]]))
     (_, _, low, _), (_, _, high, _) = canvas._words
-    assert high >= low + 11
+    assert high >= low + 11, "names keep off the words of the view"
 
 
 def test_of_a_take_that_a_person_hides_nothing_is_drawn(extension, empty, shown):

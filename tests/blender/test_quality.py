@@ -30,22 +30,16 @@ def judged(laid):
     return laid
 
 
-def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
+def test_the_set_that_is_laid_out_is_judged_as_it_was_learned_and_advice_is_shown_and_taken(judged, empty):
     quality, collection = judged
-    report = quality.kept_report(collection)
+    report, known = quality.kept_report(collection), open_model("gait15")
     core = importlib.import_module("addon.core.placement_quality")
-    known = open_model("gait15")
     found = core.judge(core.marker_layout(known.markerset, learned=known.likelihood))
     one, two = found.worst()[0]
     assert set(report["pairs"][0]["markers"]) == {found.markers[one], found.markers[two]}
     assert report["pairs"][0]["separation"] == pytest.approx(float(core.separation(found.hidden[one, two])), abs=0.02)
     assert not quality.changed_since(collection)
-
-
-def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
     refused("no advice 9", "take_advice", number=9)
-    quality, collection = judged
-    report = quality.kept_report(collection)
     shown = quality.targets(collection)
     assert [target.number for target in shown] == list(range(1, len(report["advice"]) + 1))
     first, row = shown[0], report["advice"][0]
