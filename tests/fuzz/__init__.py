@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -54,7 +55,7 @@ def read_within(kind: str, path: Path) -> str:
     return done.stdout.strip()
 
 
-def answer(read: Callable[[], object], path: Path) -> tuple[str | None, object]:
+def answer(read: Callable[[], object]) -> tuple[str | None, object]:
     """What is wrong with how a file is read, and what was read of it.
 
     Nothing is wrong where it is None, and nothing with a file that is refused in a sentence where it is "refused".
@@ -68,15 +69,9 @@ def answer(read: Callable[[], object], path: Path) -> tuple[str | None, object]:
     except MemoryError:
         return f"takes over {watched.MEMORY_MB if watched else ''} MB", None
     except FAULTS as error:
-        ours = [one for one in _frames(error) if f"{os.sep}addon{os.sep}" in one]
+        frames = traceback.extract_tb(error.__traceback__)
+        ours = [f"{one.filename}:{one.lineno}" for one in frames if f"{os.sep}addon{os.sep}" in one.filename]
         return f"{type(error).__name__}: {error} at {ours[-1] if ours else '?'}", None
-
-
-def _frames(error: BaseException) -> Iterator[str]:
-    trace = error.__traceback__
-    while trace is not None:
-        yield f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}"
-        trace = trace.tb_next
 
 
 def _sentence(error: InputError) -> str:
@@ -128,9 +123,9 @@ class Bench:
         return seen[0] if seen else said
 
     def _read(self, again: bool, verb: bool) -> str | None:
-        said, value = answer(lambda: READERS[self.kind](self.path), self.path)
+        said, value = answer(lambda: READERS[self.kind](self.path))
         if said is None and again and self.kind in USES:
-            said, _ = answer(lambda: USES[self.kind](value, self.folder / "out"), self.path)
+            said, _ = answer(lambda: USES[self.kind](value, self.folder / "out"))
             said = f"once read, it is {said}" if said else None
         if verb and said in (None, "refused"):
             said = self._verb() or said
