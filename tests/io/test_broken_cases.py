@@ -4,7 +4,6 @@
 import json
 import re
 import shutil
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +19,7 @@ from addon.io.provenance import earlier_run
 from addon.io.world import UNITS
 from addon.jobs.training_takes import read_takes
 from tests.fuzz.kinds import MADE, samples
+from tests.io.memory import memory_within
 from tests.io.samples import motive, ring, walk, xcp
 
 
@@ -137,15 +137,11 @@ def test_endless_counts_in_the_head_of_a_trc_take_no_memory(field, count, sound,
     numbers[lines[1].split("\t").index(field)] = count
     path = tmp_path / "a.trc"
     path.write_text("\n".join([*lines[:2], "\t".join(numbers), *lines[3:]]) + "\n")
-    tracemalloc.start()
-    try:
-        read_points(path, everything=True)
-    except InputError as error:
-        assert "; expected" in error.message
-    finally:
-        most = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-    assert most < 50e6
+    with memory_within(50e6):
+        try:
+            read_points(path, everything=True)
+        except InputError as error:
+            assert "; expected" in error.message
 
 
 @pytest.mark.parametrize(
