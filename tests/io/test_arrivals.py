@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.data.errors import InputError
 from addon.io.arrivals import Arrivals
 from addon.io.batch import TABLE_COLUMNS, TAKE_STATES, TakeRow, is_table, read_table, row_of, worst_first, write_table
+from tests.io.checks import refused
 from tests.io.samples import tsv
 
 
@@ -197,12 +197,10 @@ def test_what_is_no_table_is_refused(tmp_path):
     for text in ("", "take,state\n", "frame,camera,x,y\n"):
         path.write_text(text)
         assert not is_table(path)
-        with pytest.raises(InputError, match="is no table of a batch; expected"):
-            read_table(path)
+        refused("is no table of a batch; expected", read_table, path)
     write_table(path, [TakeRow("a", "a.c3d", "labelled")])
     for damaged in (b'"', b"a,b,c,no number\n", b"x," * 30 + b"\n"):
         path.write_bytes(path.read_bytes() + damaged)
-        with pytest.raises(InputError, match="is damaged; expected the table of a batch"):
-            read_table(path)
+        refused("is damaged; expected the table of a batch", read_table, path)
         path.write_bytes(path.read_bytes().removesuffix(damaged))
     assert not is_table(tmp_path / "none.csv")

@@ -22,6 +22,7 @@ from addon.io.filled import gap_rows, write_filled
 from addon.io.labels import BLOB_KEYS, POINT_KEYS, LabelFile, LabelWriter, TruthWriter
 from addon.io.points import read_points, write_c3d
 from addon.io.rows import parse_lines, parse_plain, read_header
+from tests.io.checks import refused
 from tests.io.samples import BLOBS, ring
 
 CAMERAS = ring()
@@ -85,8 +86,7 @@ def test_a_range_of_frames_keeps_both_ends(path):
     assert len(rows.keys) == 12
     (rest,) = read(path, BLOBS, frames=(10, None))
     assert rest.blobs.frames.tolist() == [10, 11]
-    with pytest.raises(InputError, match="no blobs in frames 100:"):
-        read(path, BLOBS, frames=(100, None))
+    refused("no blobs in frames 100:", read, path, BLOBS, frames=(100, None))
 
 
 @pytest.mark.parametrize(
@@ -118,10 +118,7 @@ def test_a_range_of_frames_keeps_both_ends(path):
     ],
 )
 def test_what_is_wrong_is_told_with_its_line(path, text, line, words):
-    with pytest.raises(InputError, match=words) as caught:
-        read(path, text)
-    assert caught.value.line == line
-    assert caught.value.file == str(path)
+    refused(words, read, path, text, line=line)
 
 
 def test_lines_are_counted_over_blocks(path, monkeypatch):
@@ -316,9 +313,7 @@ def test_truth_of_blobs_and_of_points_keeps_merged_names(tmp_path):
 )
 def test_what_is_wrong_with_labels_is_told_with_its_line(tmp_path, text, line, words):
     (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(InputError, match=words) as caught:
-        read_labels(tmp_path / "a.csv")
-    assert caught.value.line == line
+    refused(words, read_labels, tmp_path / "a.csv", line=line)
 
 
 def test_residuals_tell_filled_measured_and_missing_samples_unless_all_are_zero(tmp_path):

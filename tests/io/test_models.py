@@ -17,7 +17,7 @@ from addon.io.markersets import Reader, read_markerset
 from addon.io.model_history import HISTORY, beside, is_beside, model_of, moved, seen_at, seen_from
 from addon.io.models import likelihood_document, open_model, read_likelihood, read_model, write_model
 from tests.core.toybody import toy_markerset
-from tests.io.memory import memory_within
+from tests.io.checks import memory_within, refused
 from tests.io.samples import HISTORY_OF_TWO, SHOWN, WALK, toy_model
 
 
@@ -50,8 +50,7 @@ def test_a_marker_set_is_a_model_without_them():
     model = open_model("gait15")
     assert len(model.markerset) == 15
     assert model.likelihood.markers == model.markerset.markers, "as it was written when it was called evidence"
-    with pytest.raises(InputError, match="there is no marker set"):
-        open_model("nothing")
+    refused("there is no marker set", open_model, "nothing")
 
 
 @pytest.mark.parametrize("part", ["ensemble", "training_takes"])
@@ -67,8 +66,7 @@ def test_what_is_damaged_is_said(tmp_path, part, wound):
     else:
         place[field] = "five"
     path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match=f"damaged {part}"):
-        read_model(path)
+    refused(f"damaged {part}", read_model, path)
 
 
 def test_an_ensemble_of_other_markers_is_refused(tmp_path):
@@ -77,8 +75,7 @@ def test_an_ensemble_of_other_markers_is_refused(tmp_path):
     for mode in document["modes"]:
         mode["markers"]["OTHER"] = mode["markers"].pop(toy_markerset().markers[0])
     path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match="other markers than its own"):
-        read_model(path)
+    refused("other markers than its own", read_model, path)
 
 
 def test_arrays_that_say_that_they_are_huge_are_not_unpacked(tmp_path):
@@ -129,8 +126,7 @@ def test_reading_and_writing_again_changes_nothing(rigid):
 def test_a_part_that_is_not_as_expected_is_named(key, value):
     document = likelihood_document(learned(True))
     document[key] = value
-    with pytest.raises(InputError, match=key):
-        read_likelihood(Reader("model"), document, NAMES)
+    refused(key, read_likelihood, Reader("model"), document, NAMES)
 
 
 @pytest.fixture
@@ -198,8 +194,7 @@ def test_a_history_that_is_damaged_is_said(path, wound):
     document = json.loads(path.read_text(encoding="utf-8"))
     document["history"] = document["history"] | wound if wound else wound
     path.write_text(json.dumps(document), encoding="utf-8")
-    with pytest.raises(InputError, match=r"toy\.markerset\.json: has a damaged history; expected"):
-        read_model(path)
+    refused(r"toy\.markerset\.json: has a damaged history; expected", read_model, path)
 
 
 def test_paths_are_seen_from_the_model_and_follow_it(tmp_path):

@@ -20,7 +20,7 @@ from addon.io.points import holds_points, read_points, write_c3d
 from addon.io.qtm import records
 from addon.io.qtm.capture import held_in
 
-from .memory import memory_within
+from .checks import memory_within, refused
 from .qtm_file import (
     EDITED,
     FILLED,
@@ -216,11 +216,9 @@ def test_which_of_both_is_meant(take, tmp_path):
     loose = write_qtm(tmp_path / "loose.qtm", recording(uncalibrated=NAMES))
     assert holds_points(loose) and not holds_points(loose, "blobs")
     blobs = write_qtm(tmp_path / "blobs.qtm", recording(trajectories=()))
-    with pytest.raises(InputError, match="holds blobs, and no 3D points; expected"):
-        holds_points(blobs, "points")
+    refused("holds blobs, and no 3D points; expected", holds_points, blobs, "points")
     nothing = write_qtm(tmp_path / "nothing.qtm", recording(blobs=None, trajectories=()))
-    with pytest.raises(InputError, match="holds neither blobs nor 3D points; expected"):
-        holds_points(nothing)
+    refused("holds neither blobs nor 3D points; expected", holds_points, nothing)
 
 
 # --- broken ones

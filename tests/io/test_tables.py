@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from addon.core.data.errors import InputError, JobError
+from addon.core.data.errors import JobError
 from addon.core.data.takes import Motion
 from addon.io import poses as pose_files
 from addon.io.poses import PC2_HEADER, PoseFile, cache_mark, check_cache, write_cache
 from addon.io.tables import FileTable, Room
+from tests.io.checks import refused
 
 MARKERS, JOINTS = 4, 3
 
@@ -110,8 +111,7 @@ def test_another_file_is_told(tmp_path, known, spoil, words):
     mark = cache_mark(path)
     check_cache(path, mark)
     spoil(path)
-    with pytest.raises(InputError, match=re.escape(words)):
-        check_cache(path, mark)
+    refused(re.escape(words), check_cache, path, mark)
 
 
 SHAPE = 7, 3, 2

@@ -19,6 +19,7 @@ from addon.io.streams.natnet_server import ASK_MODELS, LEAVE, MAX_CLIENTS, MODEL
 from addon.io.streams.sources import open_stream
 from addon.io.streams.wire import LATE_FRAMES, StreamFrame
 from tests.fuzz.wounds import mutated
+from tests.io.checks import refused
 from tests.io.samples import walk
 from tests.io.streams.servers import NatNetServer, QtmServer, ViconServer, frames_of_points, free_port
 
@@ -271,8 +272,7 @@ def test_an_address_that_cannot_be_served_is_told():
         ("natnet://8.8.8.8", "outside of this machine's own network"),
         ("natnet://10.254.253.252", r"cannot be listened at \(.+\); expected an address of this machine, and a port"),
     ):
-        with pytest.raises(InputError, match=words):
-            NamesServer(where, SETS)
+        refused(words, NamesServer, where, SETS)
     where = f"natnet://127.0.0.1:{free_port()}"
     with NamesServer(where, SETS), pytest.raises(InputError, match="a port that is free"):
         NamesServer(where, SETS)
