@@ -223,6 +223,9 @@ GOOD = (
         ("distortions = [0.1]", "distortions = [0.1]\nfisheye = 1", "fisheye"),
         ("size = [640, 480]", "size = [0, 480]", "no image size"),
         ("translation = [0, 0, 3]", "translation = [0, 0, 3e99]", "not a number of any camera"),
+        ("translation = [0, 0, 3]", "translation = [1e308, 1e308, 0]", "not a number of any camera"),
+        ("rotation = [0, 0, 0]", "rotation = [1e308, 1e308, 0]", "not a number of any camera"),
+        *(("[cam]", f'[cam]\nname = "a\\u{sign}b"', "one line of letters") for sign in ("000a", "0000", "000d")),
         ("[cam]", "[cam", ":1: is not valid TOML"),
         ("[cam]", "[a]\n[[a]]\n[cam]", "not valid TOML"),
         ("translation", "x = = 2\ntranslation", ":6: is not valid TOML"),
@@ -290,15 +293,6 @@ def test_a_broken_matrix_of_opencv_is_told_with_its_line(tmp_path):
     refused(r"a\.yml:7: .*2 numbers for 3×3", read_cameras, write(tmp_path / "a.yml", text))
 
 
-@pytest.mark.parametrize("name", ["R", "T"])
-def test_numbers_too_large_to_be_squared_are_refused_as_others(tmp_path, name):
-    cameras = ring(1)
-    parts = {"K": cameras.matrix[0], "dist": cameras.distortion[0], "R": cameras.rotation[0]}
-    parts |= {"T": cameras.translation[0], name: np.array([1e308, 1e308, 0.0])}
-    text = "%YAML:1.0\n---\nsize: [656, 491]\n" + "".join(opencv_matrix(*part) for part in parts.items())
-    refused("not a number of any camera", read_cameras, write(tmp_path / "a.yml", text))
-
-
 def test_kinds_that_are_no_calibration(tmp_path):
     refused("only Blender", read_cameras, tmp_path / "room.blend")
     assert read_cameras(tmp_path / "room.blend", read_blend=lambda path: path.name) == "room.blend"
@@ -307,9 +301,3 @@ def test_kinds_that_are_no_calibration(tmp_path):
     refused("<html> at its root", read_cameras, write(tmp_path / "a.xml", "<html/>"))
     refused("document type", read_cameras, write(tmp_path / "a.xcp", '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>'))
     refused("no such file", read_cameras, tmp_path / "none.xcp")
-
-
-@pytest.mark.parametrize("name", ["a\nb", "a\0b", "a\rb"])
-def test_a_camera_whose_name_no_blob_file_can_hold_is_refused(tmp_path, name):
-    write_cameras(tmp_path / "cameras.toml", ring(names=[name, "b", "c", "d"]))
-    refused("expected one line of letters", read_cameras, tmp_path / "cameras.toml")

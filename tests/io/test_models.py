@@ -29,8 +29,7 @@ def toy_file(folder) -> tuple[Path, dict]:
 
 
 def test_models_come_back(tmp_path):
-    model, path = toy_model(), tmp_path / "toy.markerset.json"
-    write_model(path, model)
+    model, (path, _) = toy_model(), toy_file(tmp_path)
     found = read_model(path)
     assert found.markerset.markers == read_markerset(path).markers == model.markerset.markers
     [solver], [wanted] = found.partial_solvers.solvers, model.partial_solvers.solvers
@@ -53,18 +52,17 @@ def test_a_marker_set_is_a_model_without_them():
     refused("there is no marker set", open_model, "nothing")
 
 
+WOUNDS = {"value": lambda packed: packed | {"data": packed["data"][::-1].swapcase()}, "kind": lambda _: "five"}
+
+
 @pytest.mark.parametrize("part", ["ensemble", "training_takes"])
 @pytest.mark.parametrize("wound", ["value", "missing", "kind"])
 def test_what_is_damaged_is_said(tmp_path, part, wound):
     path, document = toy_file(tmp_path)
-    place = document[part] if part == "ensemble" else document[part][0]
-    field = "targets" if part == "ensemble" else "points"
-    if wound == "value":
-        place[field]["data"] = place[field]["data"][::-1].swapcase()
-    elif wound == "missing":
-        del place[field]
-    else:
-        place[field] = "five"
+    place, field = (document[part], "targets") if part == "ensemble" else (document[part][0], "points")
+    sound = place.pop(field)
+    if wound != "missing":
+        place[field] = WOUNDS[wound](sound)
     path.write_text(json.dumps(document))
     refused(f"damaged {part}", read_model, path)
 

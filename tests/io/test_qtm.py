@@ -87,9 +87,6 @@ def all_blobs(path, cameras, **how) -> tuple[Blobs, list[str]]:
     return Blobs.join(part.blobs for part in parts), [key for part in parts for key in part.keys]
 
 
-# --- a real capture
-
-
 @pytest.fixture
 def real(shared_data) -> Path:
     return shared_data / "blobs" / "qualisys_run"
@@ -122,9 +119,6 @@ def test_the_real_cameras_blobs_and_points_are_those_of_the_other_files(real, tm
     write_c3d(tmp_path / "demo.c3d", ours, ours.trial)
     head = ezc3d.c3d(str(tmp_path / "demo.c3d"))["header"]["points"]
     assert (head["frame_rate"], head["first_frame"], head["last_frame"]) == (100, 0, 999)  # ezc3d counts from 0
-
-
-# --- captures made here
 
 
 def test_cameras_come_back_others_are_left_out_by_name_and_without_blobs_all_are_kept(tmp_path):
@@ -219,9 +213,6 @@ def test_which_of_both_is_meant(take, tmp_path):
     refused("holds blobs, and no 3D points; expected", holds_points, blobs, "points")
     nothing = write_qtm(tmp_path / "nothing.qtm", recording(blobs=None, trajectories=()))
     refused("holds neither blobs nor 3D points; expected", holds_points, nothing)
-
-
-# --- broken ones
 
 
 def refusal(path: Path) -> str:
