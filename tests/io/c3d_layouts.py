@@ -29,7 +29,6 @@ class Layout:
     said_frames: int | None = None
     said_points: int | None = None
     up: str = "+Z"
-    cut: int = 0  # bytes that the file lacks at its end, its padding besides
     padded: bool = True
     turns: int = 0  # rotations in a frame, behind the points, with the ratio 2
     lab: bool = False  # whether there is what a laboratory adds: plates, events, an angle as the last of the points
@@ -41,9 +40,8 @@ class Layout:
     def take(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (T, P, 3) mm and fourth words (T, P): residual in the low byte, cameras in the high one."""
         rng = np.random.default_rng(self.frames + self.points)
-        xyz = (
-            np.round(rng.uniform(-1500, 1500, (self.frames, self.points, 3)) / SCALE) * SCALE + 0.0
-        )  # no DEC has a zero below zero
+        xyz = np.round(rng.uniform(-1500, 1500, (self.frames, self.points, 3)) / SCALE) * SCALE
+        xyz += 0.0  # no DEC has a zero below zero
         word = rng.integers(0, 128, xyz.shape[:2]) * 256 + rng.integers(0, 256, xyz.shape[:2])
         word[1::3, 0] = -1
         return xyz, word
@@ -65,8 +63,7 @@ class Layout:
         if self.turns:
             data += self.reals(np.arange(34 * self.turns * self.frames) / 8)
             data += bytes(-len(data) % BLOCK)
-        whole = self._header(2 + blocks) + head + section[4:] + data
-        return whole[: len(whole) - self.cut]
+        return self._header(2 + blocks) + head + section[4:] + data
 
     def _header(self, start: int) -> bytes:
         last = self.first + self.frames - 1
@@ -89,10 +86,8 @@ class Layout:
 
     def reals(self, values) -> bytes:
         values = np.asarray(values, dtype=np.float32)
-        if self.processor == INTEL:
-            return values.astype("<f4").tobytes()
-        if self.processor == MIPS:
-            return values.astype(">f4").tobytes()
+        if self.processor != DEC:
+            return values.astype(f"{self.order}f4").tobytes()
         return (values * np.float32(4)).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
 
     def _data(self, xyz, word) -> bytes:
