@@ -13,12 +13,11 @@ from addon.core.data.takes import Points
 from addon.io.c3d.lab import read_lab
 from addon.io.c3d.reading import C3dFile
 from addon.io.c3d.writing import first_number, write_c3d_file
-from addon.io.points import FilePoints, read_points, write_c3d
+from addon.io.points import read_points, write_c3d
 from tests import recorded
-from tests.io.c3d_layouts import BLOCK, DEC, INTEL, MIPS, SCALE, Layout
+from tests.io.c3d_layouts import BLOCK, DEC, INTEL, MIPS, SCALE, Layout, read_c3d
 from tests.io.checks import refused
 from tests.io.kept import otherwise
-from tests.io.whole_columns import read_c3d
 
 PROCESSORS = {"intel": INTEL, "dec": DEC, "mips": MIPS}
 SHAPES = {
@@ -255,23 +254,18 @@ LAYOUTS = {
 LONG = pytest.param(replace(LAB, frames=65_600, points=2, channels=1, samples=2, first=1), id="more than 65535 frames")
 
 
-def named(take: FilePoints) -> FilePoints:
-    """The same in another order, with other names."""
-    order = np.roll(np.arange(len(take.names)), 1)
-    own = {"xyz": take.xyz[:, order], "residual": take.residual[:, order]}
-    return replace(take, names=tuple(f"M{index}" for index in order), **own)
-
-
 @pytest.mark.parametrize("layout", [*layouts(LAYOUTS), LONG])
 def test_all_else_stays(tmp_path, layout):
     source, out = written(tmp_path, layout), tmp_path / "named.c3d"
-    take = named(read_points(source))
+    take = read_points(source)
+    order = np.roll(np.arange(len(take.names)), 1)
+    names = tuple(f"M{index}" for index in order)
+    take = replace(take, names=names, xyz=take.xyz[:, order], residual=take.residual[:, order])
     write_c3d(out, take, take.trial)
     assert otherwise(source, out) == []
     before, after, count = read_c3d(source), read_c3d(out), len(take.names)
     assert after.labels == [*take.names, before.labels[-1]]
     assert after.scale[0] == (1 if layout.real else pytest.approx(SCALE)), "whole numbers stay such"
-    order = np.roll(np.arange(count), 1)
     np.testing.assert_array_equal(after.xyz[:, :count], before.xyz[:, order])
     residual = np.maximum(before.residual[:, order], np.where(before.residual[:, order] > 0, SCALE, 0))
     np.testing.assert_allclose(after.residual[:, :count], residual, rtol=1e-6)

@@ -23,10 +23,9 @@ from addon.io.whole import whole_file
 from addon.io.world import SIGNED_AXES, UNSURE_WORDS, find_up, guess_unit, up_rotation
 from tests import recorded
 from tests.accuracy.people import BODY26
-from tests.io.c3d_layouts import Layout
+from tests.io.c3d_layouts import Layout, dense, read_c3d
 from tests.io.checks import memory_within, refused
 from tests.io.samples import BLOBS, motive, tsv, vicon, walk
-from tests.io.whole_columns import dense, read_c3d
 
 ezc3d = pytest.importorskip("ezc3d")
 py_c3d = pytest.importorskip("c3d")
@@ -600,9 +599,7 @@ def turned(xyz: np.ndarray, up: str) -> np.ndarray:
 @pytest.mark.parametrize("pose", [{}, {"walks": False}, {"lies": True}, {"upside_down": True}])
 def test_the_word_of_a_file_is_believed_whatever_people_do(up, pose):
     for names in (NAMES, ("",) * len(NAMES)):
-        found = find_up(up, turned(person(**pose), up), names)
-        if up not in UNSURE_WORDS or not pose.get("upside_down"):
-            assert found.axis == up
+        assert find_up(up, turned(person(**pose), up), names).axis == up
 
 
 @pytest.mark.parametrize("word", [axis for axis in SIGNED_AXES if axis not in UNSURE_WORDS])
@@ -649,25 +646,17 @@ def test_minus_z_is_written_where_z_is_up_and_two_people_are_no_wider_than_one()
     assert find_up("+Y", two, names).axis == "+Z"
 
 
-@pytest.fixture
-def upside_down(tmp_path):
-    """A C3D that says -Z although z is up."""
-    xyz = 1000 * person()
-    layout = Layout(frames=len(xyz), points=len(NAMES), up="-Z")
-    path = tmp_path / "take.c3d"
-    path.write_bytes(layout.content(xyz))
-    return path, layout.take()[1] >= 0, xyz / 1000
-
-
 @pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
-def test_who_knows_better_is_believed(upside_down, tmp_path, up):
-    path, there, xyz = upside_down
-    axis = ("" if up[0] == "-" else "+") + up.upper()
-    take = read_points(path, up=up)
-    np.testing.assert_allclose(take.xyz[there], (xyz @ up_rotation(axis).T)[there], atol=1e-5)
+def test_who_knows_better_is_believed(tmp_path, up):
+    """Of a C3D that says -Z although z is up, and of a TRC."""
+    xyz, axis = person(), ("" if up[0] == "-" else "+") + up.upper()
+    layout, wanted = Layout(frames=len(xyz), points=len(NAMES), up="-Z"), xyz @ up_rotation(axis).T
+    (tmp_path / "a.c3d").write_bytes(layout.content(1000 * xyz))
+    take, there = read_points(tmp_path / "a.c3d", up=up), layout.take()[1] >= 0
+    np.testing.assert_allclose(take.xyz[there], wanted[there], atol=1e-5)
     assert (take.up, take.notes) == (axis, ())
     write_trc(tmp_path / "a.trc", Points(NAMES, xyz, np.zeros(xyz.shape[:2]), RATE, 1))
-    np.testing.assert_allclose(read_points(tmp_path / "a.trc", up=up).xyz, xyz @ up_rotation(axis).T, atol=1e-5)
+    np.testing.assert_allclose(read_points(tmp_path / "a.trc", up=up).xyz, wanted, atol=1e-5)
 
 
 def test_recorded_people_keep_the_axis_that_they_have_and_minus_z_turns_none_upside_down(shared_data):

@@ -87,12 +87,8 @@ def all_blobs(path, cameras, **how) -> tuple[Blobs, list[str]]:
     return Blobs.join(part.blobs for part in parts), [key for part in parts for key in part.keys]
 
 
-@pytest.fixture
-def real(shared_data) -> Path:
-    return shared_data / "blobs" / "qualisys_run"
-
-
-def test_the_real_cameras_blobs_and_points_are_those_of_the_other_files(real, tmp_path):
+def test_the_real_cameras_blobs_and_points_are_those_of_the_other_files(shared_data, tmp_path):
+    real = shared_data / "blobs" / "qualisys_run"
     ours, known = read_cameras(real / "demo.qtm"), read_cameras(real / "room.toml")
     assert ours.names == known.names
     for name in ("size", "matrix", "distortion", "rotation", "translation"):
