@@ -2,7 +2,7 @@
 """Marker sets as text, and in words: nothing is lost but digits; those that ship are the contract's, of people."""
 
 import json
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,19 +20,7 @@ from addon.io.text import json_text
 from scripts import anatomy
 from tests.accuracy.people import BODY26, GAIT15
 from tests.core.toybody import toy_markerset
-from tests.io.checks import refused
-
-
-def assert_same(found, wanted):
-    """Every field of two marker sets, or of a part of them, is alike, numbers to six digits."""
-    for name in (field.name for field in fields(wanted)):
-        one, other = getattr(found, name), getattr(wanted, name)
-        if is_dataclass(other):
-            assert_same(one, other)
-        elif isinstance(other, (np.ndarray, float)):
-            np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-12, err_msg=name)
-        else:
-            assert one == other
+from tests.io.checks import assert_alike, refused
 
 
 @pytest.fixture
@@ -66,7 +54,7 @@ def test_a_marker_set_comes_back_and_its_text_is_made_for_reading(path):
     )
     write_model(path, Model(markerset))
     found, text = read_markerset(path), path.read_text(encoding="utf-8")
-    assert_same(found, markerset)
+    assert_alike(found, markerset)
     assert found.skeleton.parents.dtype.kind == found.attachment.dtype.kind == "i"
     assert text_of(found) == text
     lines = text.splitlines()
@@ -95,7 +83,7 @@ def test_any_numbers_come_back_to_six_digits(tmp_path_factory, seed, modes):
     path = tmp_path_factory.mktemp("sets") / "a.markerset.json"
     write_model(path, Model(markerset))
     found = read_markerset(path)
-    assert_same(found, markerset)
+    assert_alike(found, markerset)
     assert text_of(found) == path.read_text(encoding="utf-8")
 
 
@@ -104,7 +92,7 @@ def test_keys_of_later_versions_are_let_be(path):
     document["ensemble"] = {"solvers": [1, 2, 3]}
     document["markers"][0]["colour"] = "red"
     path.write_text(json.dumps(document), encoding="utf-8")
-    assert_same(read_markerset(path), toy_markerset())
+    assert_alike(read_markerset(path), toy_markerset())
 
 
 PARTS = ("mocap_autolabel", "name", "segments", "markers", "capsules", "height", "modes", "pose")

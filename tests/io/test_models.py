@@ -17,7 +17,7 @@ from addon.io.markersets import Reader, read_markerset
 from addon.io.model_history import HISTORY, beside, is_beside, model_of, moved, seen_at, seen_from
 from addon.io.models import likelihood_document, open_model, read_likelihood, read_model, write_model
 from tests.core.toybody import toy_markerset
-from tests.io.checks import memory_within, refused
+from tests.io.checks import assert_alike, memory_within, refused
 from tests.io.samples import HISTORY_OF_TWO, SHOWN, WALK, toy_model
 
 
@@ -31,16 +31,8 @@ def toy_file(folder) -> tuple[Path, dict]:
 def test_models_come_back(tmp_path):
     model, (path, _) = toy_model(), toy_file(tmp_path)
     found = read_model(path)
-    assert found.markerset.markers == read_markerset(path).markers == model.markerset.markers
-    [solver], [wanted] = found.partial_solvers.solvers, model.partial_solvers.solvers
-    np.testing.assert_array_equal(solver.reached, wanted.reached)
-    np.testing.assert_array_equal(solver.record.rates, wanted.record.rates)
-    np.testing.assert_array_equal(found.partial_solvers.classifiers.high, model.partial_solvers.classifiers.high)
-    solvers = found.partial_solvers
-    assert (solvers.search, solvers.seed, solvers.frames) == ("top-down", 3, 17)
-    [training_takes] = found.training_takes
-    assert (training_takes.subject, training_takes.takes, training_takes.frames) == ("Ann", ("walk ü", "run"), 900)
-    np.testing.assert_array_equal(training_takes.points, model.training_takes[0].points)
+    assert read_markerset(path).markers == model.markerset.markers
+    assert_alike(replace(found, fingerprint=""), model)
     write_model(tmp_path / "again.markerset.json", found)
     assert (tmp_path / "again.markerset.json").read_bytes() == path.read_bytes()
 
