@@ -84,8 +84,8 @@ def answer(read: Callable[[], object]) -> tuple[str | None, object]:
     except MemoryError:
         return f"takes over {watched.MEMORY_MB if watched else ''} MB", None
     except FAULTS as error:
-        frames = traceback.extract_tb(error.__traceback__)
-        ours = [f"{one.filename}:{one.lineno}" for one in frames if f"{os.sep}addon{os.sep}" in one.filename]
+        places = [f"{at.f_code.co_filename}:{line}" for at, line in traceback.walk_tb(error.__traceback__)]
+        ours = [one for one in places if f"{os.sep}addon{os.sep}" in one]
         return f"{type(error).__name__}: {error} at {ours[-1] if ours else '?'}", None
 
 
