@@ -54,6 +54,16 @@ class Answer:
         assert self.status == 0, self.err
         return self
 
+    def quiet(self) -> "Answer":
+        """The same of one that had no word of trouble."""
+        assert (self.status, self.err) == (0, "")
+        return self
+
+    @property
+    def json(self) -> dict:
+        """The one object that it printed."""
+        return json.loads(self.out)
+
     def refusal(self, status: int) -> str:
         """The same of one that ended with a status."""
         assert self.status == status
@@ -132,7 +142,7 @@ def figures(run):
     """Compares labels with the truth, and gives the figures."""
 
     def call(labels, truth, *words) -> dict:
-        return json.loads(run("evaluate", labels, truth, "--json", *words).done().out)
+        return run("evaluate", labels, truth, "--json", *words).done().json
 
     return call
 

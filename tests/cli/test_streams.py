@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -44,9 +45,9 @@ def test_files_never_take_the_numbers_of_closed_streams(room, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} >= {"walk.blend", "walk.c3d"}
 
 
-@pytest.mark.parametrize("stream", ["stdout", "stderr"])
-def test_a_closed_stream_leaves_the_exit_status_as_it_is(monkeypatch, words, stream):
-    monkeypatch.setattr(sys, stream, None)
+@pytest.mark.parametrize(("name", "stream"), [("stdout", None), ("stderr", None), ("stderr", Full())])
+def test_a_closed_or_full_stream_leaves_take_and_exit_status_as_they_are(monkeypatch, words, name, stream):
+    monkeypatch.setattr(sys, name, stream)
     assert main([*words, "--progress"]) == 0
     assert main(words) == 2  # the files are there now
     assert main(["bogus"]) == 2
@@ -60,38 +61,18 @@ def test_results_that_find_no_room_are_a_failure_in_one_sentence(monkeypatch, ca
     assert "; expected " in said
 
 
-def test_progress_that_finds_no_room_does_not_cost_the_take(monkeypatch, words, tmp_path):
-    monkeypatch.setattr(sys, "stderr", Full())
-    assert main([*words, "--progress"]) == 0
-    assert (tmp_path / "out" / "walk.c3d").is_file()
-    assert main(["bogus"]) == 2
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no SIGHUP")
-def test_a_closed_terminal_stops_the_work_and_nohup_does_not():
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests themselves may run under nohup
-    try:
-        with stoppable(), pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGHUP)
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
-        with stoppable():
-            os.kill(os.getpid(), signal.SIGHUP)
-    finally:
-        signal.signal(signal.SIGHUP, before)
-
-
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_what_stops_the_work_is_noted_while_blender_is_at_work_and_raised_behind(kind):
+def test_what_stops_the_work_is_raised_but_while_blender_is_at_work_behind_and_nohup_is_heard(kind):
     kind, behind = getattr(signal, kind), []
-    before = signal.signal(kind, signal.SIG_DFL)
+    before = signal.signal(kind, signal.SIG_DFL)  # the tests themselves may run under nohup
     try:
         with stoppable(), pytest.raises(KeyboardInterrupt), unbroken():
             os.kill(os.getpid(), kind)
             behind.append(kind)
         assert behind == [kind]
         signal.signal(kind, signal.SIG_IGN)
-        with unbroken():
+        with stoppable() if kind == signal.SIGHUP else nullcontext(), unbroken():
             os.kill(os.getpid(), kind)
         assert signal.getsignal(kind) is signal.SIG_IGN
     finally:
