@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Closed and full streams, closed terminals and odd paths: the exit status holds and a take is never lost to them."""
 
-import errno
 import io
 import os
 import signal
@@ -19,6 +18,8 @@ from addon.cli import main
 from addon.cli.console import stoppable
 from addon.io.scratch import SCRATCH, take_away_scratch
 
+from .conftest import no_room
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -26,7 +27,7 @@ class Full(io.StringIO):
     """A stream on a full disk."""
 
     def write(self, _text):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        no_room()
 
 
 @pytest.fixture
@@ -142,30 +143,23 @@ def test_temporary_files_of_blender_are_gone_at_the_end_or_with_the_next_run(tmp
         "if sys.argv[1] == 'True': os.kill(os.getpid(), signal.SIGKILL)\n"
         "import atexit; atexit._run_exitfuncs(); os._exit(0)"  # Blender 4.5 may wait for itself for ever
     )
-    line = [sys.executable, "-c", script, str(killed), str(ROOT)]
-    there = subprocess.run(
-        line, env=os.environ | {"TMPDIR": str(tmp_path)}, stdout=subprocess.PIPE, text=True, check=False
-    )
+    line = ["env", f"TMPDIR={tmp_path}", sys.executable, "-c", script, str(killed), str(ROOT)]
+    there = subprocess.run(line, stdout=subprocess.PIPE, text=True, check=False)
     assert there.returncode == (-signal.SIGKILL if killed else 0)
     name = there.stdout.split("\n")[-2]  # what Blender says of itself stands before
-    assert Path(name).parent.parent == tmp_path
-    assert Path(name).parent.name.startswith(SCRATCH)
+    assert Path(name).parent.parent == tmp_path and Path(name).parent.name.startswith(SCRATCH)
     assert len(list(tmp_path.iterdir())) == killed
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     take_away_scratch()
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("place", ["--model", "--cameras", "--out"])
-def test_a_path_that_no_system_takes_is_bad_input(run, words, place):
-    assert "fault" not in run(*words, place, "l" * 5000).refusal(2)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
-def test_a_pipe_without_a_writer_is_refused_at_once(label, tmp_path):
-    os.mkfifo(tmp_path / "pipe.csv")
-    assert "pipe.csv: is a pipe" in label(blobs=[tmp_path / "pipe.csv"]).refusal(2)
-
-
-def test_values_that_begin_with_a_minus_are_values(label):
+def test_paths_that_no_system_takes_and_pipes_without_a_writer_are_bad_input_and_minus_begins_a_value(
+    run, words, label, tmp_path
+):
+    for place in ("--model", "--cameras", "--out"):
+        assert "fault" not in run(*words, place, "l" * 5000).refusal(2)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.csv")
+        assert "pipe.csv: is a pipe" in label(blobs=[tmp_path / "pipe.csv"]).refusal(2)
     assert label("--frames", "-5:100", "--facing", "-1e1").status == 0
