@@ -25,6 +25,7 @@ PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
 WRITTEN = [page for page in PAGES if page.name != "CHANGELOG.md" and page.parent != DOCS / "results"]
 MOST_WORDS, MOST_IN_A_SENTENCE = 35_000, 30
 PARTS = "|".join(path.stem for path in (ROOT / "addon").iterdir() if path.is_dir())
+ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
 BLENDERS = {"bpy", "addon_utils", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
 
 
@@ -80,18 +81,13 @@ def test_the_guide_tells_every_option_that_people_see(verb):
     assert {flag for flag in flags - {"--help"} if not re.search(rf"`[^`\n]*{flag}\b", guide)} == set()
 
 
-@pytest.mark.parametrize("text", cases("json"))
-def test_the_example_marker_set_is_one(text, tmp_path):
-    path = tmp_path / "leg4.markerset.json"
+@pytest.mark.parametrize("text", cases("json") + cases("toml"))
+def test_an_example_is_a_marker_set_one_in_words_or_a_calibration(text, tmp_path):
+    path = tmp_path / ("leg4.markerset.json" if text.startswith("{") else "example.toml")
     path.write_text(text, encoding="utf-8")
-    assert read_markerset(path).name == json.loads(text)["name"]
-
-
-@pytest.mark.parametrize("text", cases("toml"))
-def test_the_example_toml_is_a_calibration_or_a_marker_set_in_words(text, tmp_path):
-    path = tmp_path / "example.toml"
-    path.write_text(text, encoding="utf-8")
-    if "[markers]" in text:
+    if path.suffix == ".json":
+        assert read_markerset(path).name == json.loads(text)["name"]
+    elif "[markers]" in text:
         assert len(described(read_layout(path), known_bodies())) == 6
     else:
         assert read_cameras(path).names == ("cam1",)
@@ -140,10 +136,6 @@ def test_the_papers_are_gone_through_claim_by_claim():
         assert re.search(r"`tests/[\w/]+\.py::\w+`|\]\(results/", shown), f"{line} has no test and no result"
 
 
-def test_hand_written_pages_are_not_too_long():
-    assert sum(len(page.read_text(encoding="utf-8").split()) for page in WRITTEN) <= MOST_WORDS
-
-
 def sentences(page: Path) -> list[str]:
     """The page's sentences, without code blocks, tables, headings and where links lead."""
     text = re.sub(r"^```.*?^```$|^[|#][^\n]*$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
@@ -152,16 +144,9 @@ def sentences(page: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("guide/*.md"))], ids=named)
-def test_sentences_for_users_are_short(page):
+def test_sentences_for_users_are_short_and_hand_written_pages_not_too_long(page):
+    assert sum(len(one.read_text(encoding="utf-8").split()) for one in WRITTEN) <= MOST_WORDS
     assert [one for one in sentences(page) if len(one.split()) > MOST_IN_A_SENTENCE] == []
-
-
-def documented_imports() -> dict[str, set[str]]:
-    """The table of architecture.md: which part of `addon` may import which others, and what besides."""
-    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `(\w+)` \|([^|]*)\|([^|]*)\|$", text, re.MULTILINE)
-    assert len(rows) > 10
-    return {part: set(re.findall(r"`(\w+)`", others + besides)) for part, others, besides in rows}
 
 
 def imports_of(path: Path) -> set[tuple[str, ...]]:
@@ -180,35 +165,25 @@ def imports_of(path: Path) -> set[tuple[str, ...]]:
 
 
 def test_the_code_imports_what_the_architecture_allows_of_parts_that_are_there():
-    allowed, free = documented_imports(), set(sys.stdlib_module_names) | {"numpy"}
+    rows = re.findall(r"^\| `(\w+)` \|([^|]*\|[^|]*)\|$", ARCHITECTURE, re.MULTILINE)
+    allowed = {part: set(re.findall(r"`(\w+)`", others)) for part, others in rows}
+    assert len(allowed) > 10
     for path in sorted((ROOT / "addon").rglob("*.py")):
         part = path.relative_to(ROOT / "addon").with_suffix("").parts[0]
         taken = {"bpy" if name in BLENDERS else name for name, *_ in imports_of(path)}
-        assert taken <= allowed.get(part, set()) | free | {part}, path
-    for part, others in documented_imports().items():
-        known = {path.stem for path in (ROOT / "addon").iterdir() if path.suffix == ".py" or path.is_dir()}
-        assert part in known, part
-        assert others <= known | {"bpy", "distributed", "lzallright", "olefile", "scipy", "threadpoolctl"}, part
-
-
-def documented_folders() -> list[str]:
-    """The table of architecture.md: the folders of `core`, in the order in which they know of each other."""
-    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
-    table = text.partition("### The order of `core`")[2].partition("\n## ")[0]
-    return re.findall(r"^\| `([\w/]+)` \|.+\|$", table, re.MULTILINE)
+        assert taken <= allowed.get(part, set()) | set(sys.stdlib_module_names) | {"numpy", part}, path
+    known = {path.stem for path in (ROOT / "addon").iterdir() if path.suffix == ".py" or path.is_dir()}
+    libraries = {"bpy", "distributed", "lzallright", "olefile", "scipy", "threadpoolctl"}
+    assert set(allowed) <= known and set().union(*allowed.values()) <= known | libraries
 
 
 def test_every_folder_of_core_has_its_line_in_the_architecture_and_imports_only_those_above():
+    table = ARCHITECTURE.partition("### The order of `core`")[2].partition("\n## ")[0]
+    order = re.findall(r"^\| `([\w/]+)` \|.+\|$", table, re.MULTILINE)
     there = {path.parent.relative_to(CORE).as_posix() for path in CORE.rglob("*.py") if path.name != "__init__.py"}
-    assert sorted(documented_folders()) == sorted(there)
-    order = documented_folders()
+    assert sorted(order) == sorted(there)
     for place, folder in enumerate(order):
         for path in sorted((CORE / folder).glob("*.py")):
-            below = {found for found in folders_imported(path) if found != folder and found not in order[:place]}
-            assert not below, f"{path.relative_to(CORE)} imports from {below}"
-
-
-def folders_imported(path: Path) -> set[str]:
-    """The folders of core that a file of it imports from, as paths from core."""
-    targets = [CORE.joinpath(*rest) for part, *rest in imports_of(path) if part == "core"]
-    return {(target if target.is_dir() else target.parent).relative_to(CORE).as_posix() for target in targets}
+            targets = [CORE.joinpath(*rest) for part, *rest in imports_of(path) if part == "core"]
+            targets = {(one if one.is_dir() else one.parent).relative_to(CORE).as_posix() for one in targets}
+            assert targets <= {folder, *order[:place]}, path
