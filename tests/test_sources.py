@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of all sources: names, numbers set by hand, sentences of errors; stages that can be switched off."""
+"""Rules of all sources: names, numbers set by hand, sentences of errors, files that are opened, stages switched off."""
 
 import ast
 import inspect
@@ -94,9 +94,8 @@ def written(node: ast.AST) -> str | None:
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value
     if isinstance(node, ast.JoinedStr):
-        return "".join(
-            one.value if isinstance(one, ast.Constant) else f"{{{ast.unparse(one.value)}}}" for one in node.values
-        )
+        parts = [one.value if isinstance(one, ast.Constant) else f"{{{ast.unparse(one.value)}}}" for one in node.values]
+        return "".join(parts)
     return None
 
 
@@ -157,3 +156,37 @@ def test_what_stands_in_the_place_of_a_stage_takes_what_the_stage_does(where, in
     by_name = {one.name: one.default for one in given if one.kind is one.KEYWORD_ONLY}
     by_place = [one.name for one in given if one.kind in (one.POSITIONAL_ONLY, one.POSITIONAL_OR_KEYWORD)]
     inspect.signature(instead).bind(*by_place, **by_name)
+
+
+OPENS = {"open", "read_text", "write_text", "TextIOWrapper", "fdopen"}
+
+
+def openings() -> Iterator[tuple[str, str, str, set[str], str]]:
+    """Each call that opens a file, or seems to: where, what is called, the file's mode, the words given, the call."""
+    others = [*(ADDON.parent / "scripts").glob("*.py"), *ADDON.parent.glob("*.py")]
+    for file, tree in (TREES | {str(path): ast.parse(path.read_text("utf-8")) for path in others}).items():
+        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call) and called(node) in OPENS):
+            if ast.unparse(call.func) not in ("os.open", "Image.open"):
+                modes = [word.value for word in call.keywords if word.arg == "mode"]
+                modes += call.args[0 if isinstance(call.func, ast.Attribute) else 1 :][:1]
+                mode = str(modes[0].value) if modes and isinstance(modes[0], ast.Constant) else "r"
+                yield file, called(call), mode, {word.arg for word in call.keywords}, ast.unparse(call)
+
+
+def test_texts_are_opened_with_their_encoding_and_written_with_the_same_line_ends_everywhere():
+    """Windows takes other ones where none is said, and the same take gives other bytes."""
+    found = list(openings())
+    assert len(found) > 30
+    plain = [one for one in found if one[1] != "open" or "b" not in one[2]]
+    # Methods of ours that have the same names are called with what they read.
+    ours = re.compile(r"(^|[^.\w])read_text\(")
+    assert [one for one in plain if "encoding" not in one[3] and not ours.search(one[4])] == []
+    writing = [one for one in plain if one[1] == "write_text" or (one[1] == "open" and set(one[2]) & set("wax"))]
+    writing = [one for one in writing if one[0] in TREES and not re.fullmatch(r"cli/\w+\.py", one[0])]
+    assert [one for one in writing if "newline" not in one[3]] == []
+
+
+def test_every_source_states_its_licence():
+    licence = "# SPDX-License-Identifier: GPL-3.0-or-later\n"
+    sources = TEXTS | {"__init__.py": (ADDON.parent / "__init__.py").read_text("utf-8")}
+    assert [name for name, text in sources.items() if not text.startswith(licence)] == []
