@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of points from file to files with a naming that is known; edits of blobs; trajectories on disk."""
+"""A take of points from file to files with a naming that is known; trajectories on disk."""
 
 import csv
 import json
@@ -15,6 +15,7 @@ import pytest
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points
+from addon.core.edits.kinds import Edits, Right
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take import pipeline
 from addon.core.reconstruction.trajectories import Reconstructed
@@ -112,8 +113,9 @@ def test_suspects_call_a_trajectory_as_the_labels_do(source, of_two_minds):
 def test_a_strict_target_leaves_names_out_and_refuses_no_take(source, monkeypatch, target, named):
     """A naming that is right in every frame, and no surer than one in two thousand."""
     use(monkeypatch, Known(right, 0.9995))
-    report = label(source, frames=(11, 25), target=target)
+    report = label(source, frames=(11, 25), target=target, edits=Edits((Right("SACR"),)))
     assert report["points"] - report["unlabelled"] == named
+    assert [row["file"] for row in report["provenance"]["edits"]] == [""], "they are in no file"
 
 
 def test_a_set_that_is_saved_while_a_take_is_labelled_is_no_part_of_that(source, monkeypatch):
