@@ -42,10 +42,7 @@ def bend_leg(turns: np.ndarray, root: np.ndarray, foot: int, x: np.ndarray, z: n
 
 
 def walk(strides: int = 5, rise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joints and rotations of a walk along x on the floor z = 0, and (F, 2) whether left and right are planted.
-
-    Or on stairs that `rise` m in a stride.
-    """
+    """Joints and rotations of a walk along x, on stairs if so, and (F, 2) whether left and right are planted."""
     frames = np.arange(strides * STRIDE)
     turns = np.tile(np.eye(3), (len(frames), len(SEGMENTS), 1, 1))
     root = np.zeros((len(frames), 3))
