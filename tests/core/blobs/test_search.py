@@ -17,10 +17,10 @@ from addon.core.body.prior import Prior
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, REMAINING
 from addon.core.geometry.views import Sight, split_views
 from addon.core.papers.virtual_occlusions.cloud import build_cloud
-from addon.core.papers.virtual_occlusions.labelling import Expectation, Frame, Naming, Rules, name_markers
+from addon.core.papers.virtual_occlusions.labelling import Frame, Naming, Rules, name_markers
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
-from tests.core.papers.virtual_occlusions.test_labelling import consistent
+from tests.core.papers.virtual_occlusions.test_labelling import consistent, expect_at
 from tests.core.scenes import CLEAN, FLAWLESS, blobs_at, built_in, film, person_of, stand
 
 PLAIN = CaptureOptions(noise=0.3, reflections=0, flicker=0.0)
@@ -161,11 +161,6 @@ def test_nobody_where_there_are_no_blobs(count):
 
 RIG = paper_rig()
 SIGHT = Sight(RIG)
-
-
-def expect_at(points, deviation, visible=True):
-    shown = np.broadcast_to(visible, (4, len(points)))
-    return Expectation(points, np.tile(deviation**2 * np.eye(3), (len(points), 1, 1)), shown)
 
 
 def one_blob(rival_at, visible=True, taken=False):
@@ -317,13 +312,11 @@ def wrong_in(scene, naming):
     return (~right).sum(), (scene.truth[np.setdiff1d(view.row[view.real], row)] != "").sum()
 
 
-def frame_of(scene, sd=0.015):
-    model = BodyModel(scene.markerset)
+def frame_of(scene):
+    model, sight = BodyModel(scene.markerset), Sight(FOUR)
     points = model.pose(replace(scene.bodies, own=0 * scene.bodies.own)).markers[0]
-    sight = Sight(FOUR)
     inside = sight.inside(sight.image(sight.local(points[None])))[0]
-    expected = Expectation(points, np.tile(sd**2 * np.eye(3), (len(points), 1, 1)), inside)
-    return Frame(scene.views()[0], sight, expected, Rules(pixel=0.5))
+    return Frame(scene.views()[0], sight, expect_at(points, 0.015, inside), Rules(pixel=0.5))
 
 
 def test_a_marker_worn_elsewhere_is_named_and_said_to_be():

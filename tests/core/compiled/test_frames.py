@@ -26,7 +26,7 @@ from addon.core.papers.virtual_occlusions.labelling import Expectation, Rules, n
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
-from tests.core.blobs.followed import begun as begun_in
+from tests.core.blobs.test_following import begun as begun_in
 from tests.core.scenes import act, blobs_at, built_in
 from tests.core.toybody import toy_markerset
 

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
-from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, Blobs, Labels, PointRows
-from addon.core.edits.applying import apply_edits, cells_of_blobs, cells_of_points, refuse_unknown, summary_of
+from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, NO_STEP, Blobs, Labels, PointRows, Points
+from addon.core.edits import applying
+from addon.core.edits.applying import Cells, apply_edits, cells_of_points
 from addon.core.edits.following import Following, changed_frames
 from addon.core.edits.kinds import (
     EDIT_KINDS,
@@ -31,7 +32,51 @@ from addon.core.edits.kinds import (
 from addon.core.edits.replay import ANYBODY
 from addon.io.markersets import open_markerset
 
-from .lists import COLUMNS, FIRST, FRAMES, INDEX, NAMES, POINTS, cells_of, edit, edits, named, take
+# Of a small take, made up at random: M markers A, B, … on P trajectories over T frames.
+FRAMES, POINTS, FIRST = 6, 5, 10
+NAMES = ("A", "B", "C", "D")
+INDEX = {name: index for index, name in enumerate(NAMES)}
+COLUMNS = np.array([2, 3, 5, 7, 11])  # of the file, some of which are no markers'
+
+frame = st.integers(FIRST, FIRST + FRAMES - 1)
+frames = st.none() | st.tuples(frame, frame).map(lambda two: (min(two), max(two)))
+marker = st.sampled_from(NAMES)
+point = st.sampled_from(COLUMNS.tolist())
+xyz = st.tuples(*[st.floats(-5, 5)] * 3)
+
+edit = st.one_of(
+    st.builds(AssignPoint, point, marker, frames=frames),
+    st.builds(UnlabelMarker, marker, frames=frames),
+    st.builds(UnlabelPoint, point, frames=frames),
+    st.builds(Swap, st.permutations(NAMES).map(lambda names: (names[0], names[1])), frames=frames),
+    st.builds(Delete, point, frames=frames),
+    st.builds(Place, marker, frame, xyz),
+    st.builds(Right, marker, frames=frames),
+)
+edits = st.lists(edit, max_size=6).map(lambda items: Edits(tuple(items)))
+
+
+def take(seed: int) -> tuple[Labels, np.ndarray]:
+    """Labels that have each marker once a frame at most, of points (T, P) that are there four times in five."""
+    rng = np.random.default_rng(seed)
+    present = rng.random((FRAMES, POINTS)) < 0.8
+    names = [*range(len(NAMES)), NO_MARKER, NO_MARKER]
+    given = np.array([rng.permutation(names)[:POINTS] for _ in range(FRAMES)])
+    return named(np.where(present, given, NO_MARKER)), present
+
+
+def cells_of(present: np.ndarray) -> Cells:
+    """What edits of these points (T, P) go by."""
+    xyz = np.where(present[..., None], np.zeros(3), np.nan)
+    points = Points(("",) * POINTS, xyz, xyz[..., 0], 100.0, FIRST, columns=COLUMNS)
+    return applying.cells_of_take(points, INDEX, len(NAMES))
+
+
+def named(marker: np.ndarray) -> Labels:
+    """Labels (T, P) of these markers, all from frames on their own."""
+    some = marker != NO_MARKER
+    return Labels(marker, np.where(some, BY_LIKELIHOOD, NO_STEP), np.where(some, 0.9, 0.0))
+
 
 A, B, C = range(3)
 seeds = st.integers(0, 10_000)
@@ -176,7 +221,7 @@ def test_edits_that_find_nothing_say_why():
         "frames 400 to 500 are not among what is labelled",
         "",
     ]
-    said = summary_of(outcomes)
+    said = applying.summary_of(outcomes)
     assert said["applied"] == {"assign": 0, "unlabel": 0, "swap": 0, "delete": 0, "right": 1}
     assert [one["edit"] for one in said["found_nothing"]] == [1, 2, 3, 4, 5, 6]
 
@@ -197,9 +242,9 @@ def test_edits_that_find_nothing_say_why():
 def test_words_that_are_not_of_this_take_are_refused(one, said):
     names, frames = {**INDEX, "a": A}, (FIRST, FIRST + FRAMES - 1)
     fine = Edits((Right("B"),))
-    refuse_unknown(fine, names, frames, COLUMNS.tolist())
+    applying.refuse_unknown(fine, names, frames, COLUMNS.tolist())
     with pytest.raises(InputError, match=said) as caught:
-        refuse_unknown(fine.added(one), names, frames, COLUMNS.tolist())
+        applying.refuse_unknown(fine.added(one), names, frames, COLUMNS.tolist())
     assert "; expected " in caught.value.message
 
 
@@ -214,7 +259,7 @@ def cells(markerset):
     xy = np.array([[10, 10], [20, 20], [10, 10], [30, 30], [11, 10], [21, 20]], float)
     frame, camera = np.array([0, 0, 0, 0, 1, 1]), np.array([0, 0, 1, 1, 0, 0])
     blobs = Blobs(np.array([20, 21]), frame, camera, xy, np.full(6, np.nan))
-    return cells_of_blobs(blobs, ("cam1", "cam2"), markerset.by_name, len(markerset))
+    return applying.cells_of_blobs(blobs, ("cam1", "cam2"), markerset.by_name, len(markerset))
 
 
 def test_a_blob_is_found_again_within_two_pixels_and_markers_are_of_all_images_of_their_frames(cells, markerset):

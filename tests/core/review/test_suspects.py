@@ -15,8 +15,6 @@ from addon.core.review.summary import SampleOrigins
 from addon.core.review.suspects import MAX_ENTRIES, Ranges, find_suspects, summarised
 from tests.core.scenes import motion_of
 
-from ..edits.lists import INDEX
-
 RATE = 100.0
 
 
@@ -147,7 +145,7 @@ ALL = [(12, 20)]
     ],
 )
 def test_a_doubt_is_left_in_the_frames_that_no_edit_answers(suspect, edits, left):
-    found = unanswered([suspect], Edits(tuple(edits)), INDEX)
+    found = unanswered([suspect], Edits(tuple(edits)), dict(zip("ABCD", range(4), strict=True)))
     assert [(one.first, one.last) for one in found] == left
     assert {one.reason for one in found} <= {suspect.reason}
 

@@ -9,21 +9,53 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addon.core.blobs.search import FINDING, fit_blobs, visible_pull
 from addon.core.blobs.subject import Setup
-from addon.core.body.bodies import PLACEMENT, BodyModel
+from addon.core.body.bodies import PLACEMENT, Bodies, BodyModel
 from addon.core.body.prior import Prior
 from addon.core.data.takes import Motion
 from addon.core.geometry import rotations
-from addon.core.geometry.views import split_views
-from addon.core.papers.virtual_occlusions.cost import BlobPull
-from addon.core.papers.virtual_occlusions.fit import Fit, fit_body, fit_placement, placement_state
+from addon.core.geometry.views import View, split_views
+from addon.core.papers.virtual_occlusions.cost import BlobPull, Pull
+from addon.core.papers.virtual_occlusions.fit import Fit, State, fit_body, fit_placement, placement_state
 from addon.core.papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, capsules_hide, hidden_by_any
 from addon.core.simulation.rigs import paper_rig
-from tests.core.papers.virtual_occlusions.stages import fit_from, point_pull
 from tests.core.scenes import blobs_at, built_in, motion_of, stand
 from tests.core.toybody import toy_markerset
 
 RIG = paper_rig()
+
+
+# Softness in m, reach in m, iterations.
+PLACEMENT_STAGES = ((0.20, 0.60, 5), (0.10, 0.30, 5))
+
+
+def fit_from(view: View, start: Bodies, setup: Setup) -> Fit:
+    """The paper's whole fit from a given start of B bodies: nine parameters first, then joints and shape as well.
+
+    Visible markers only, visibility renewed at every stage.
+    """
+    prior = Prior(setup.model, upright_sd=FINDING.upright_sd_rad)
+    return fit_blobs(fit_nine(view, start, setup).bodies, view, setup, prior)
+
+
+def fit_nine(view: View, start: Bodies, setup: Setup) -> State:
+    """Ten iterations of the nine-parameter fit, visible markers only, visibility renewed in between."""
+    bodies, posed = start, setup.model.pose(start)
+    for softness, reach, steps in PLACEMENT_STAGES:
+        pull = visible_pull(bodies, posed, view, setup, softness, reach)
+        state = fit_placement(setup.model, bodies, pull, steps, setup.prior).state
+        bodies, posed = state.bodies, state.posed
+    return state
+
+
+def point_pull(markers: np.ndarray, targets: np.ndarray, deviation: np.ndarray) -> Pull:
+    """Named points in space: targets (B, M, 3) m, NaN where unknown, with standard deviations (B, M) m."""
+    known = np.isfinite(targets[..., 0])
+    offset = np.where(known[..., None], markers - np.where(known[..., None], targets, 0), 0)
+    weight = known / deviation**2
+    cost = (weight * np.einsum("bmi,bmi->bm", offset, offset)).sum(axis=1)
+    return Pull(cost, weight[..., None] * offset, weight[..., None, None] * np.eye(3))
 
 
 @cache

@@ -14,13 +14,15 @@ from addon.core.geometry.views import Sight, split_views
 from addon.core.papers.virtual_occlusions.cloud import Cloud, build_cloud
 from addon.core.papers.virtual_occlusions.cost import BlobPull, RayPull
 from addon.core.papers.virtual_occlusions.placement import (
+    Guess,
     blob_centroids,
+    extent,
     make_starts,
     principal_guess,
     solve_translation,
+    stature,
 )
 from addon.core.simulation.rigs import paper_rig, ring_rig
-from tests.core.papers.virtual_occlusions.stages import bounding_box_guess
 from tests.core.scenes import FLAWLESS, blobs_at, built_in, stand
 
 RIG = paper_rig()
@@ -98,6 +100,19 @@ def body_cloud(facing, height=1.7, ghosts=0):
 def line_apart(first, second):
     """Angle between two lines, rad: facing one way or its opposite is the same."""
     return abs((first - second + np.pi / 2) % np.pi - np.pi / 2)
+
+
+def bounding_box_guess(cloud: Cloud, tallest_marker: float) -> Guess:
+    """Height and facing from the cloud's upright bounding box: a body is wider than it is deep.
+
+    `tallest_marker` is the height of the model's highest marker, heights. The narrowest of boxes turned about the
+    vertical says along which line the subject faces, not in which of two directions.
+    """
+    angles = np.arange(0, np.pi, np.pi / 36)
+    across = cloud.points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
+    width = extent(across, cloud.weight)
+    narrowest = int(np.argmin(width))
+    return Guess(stature(cloud, tallest_marker), float(angles[narrowest]))
 
 
 @pytest.mark.parametrize("guess", [bounding_box_guess, principal_guess], ids=["box", "axes"])
