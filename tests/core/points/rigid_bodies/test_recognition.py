@@ -243,7 +243,7 @@ def seen_in(model, points) -> Recognition:
 
 @pytest.fixture(scope="module")
 def other(model):
-    points = walk(body(2, limb=0.06, form=0.006, place=0.015), 12)
+    points = walk(body(2, **OTHER), 12)
     return points, seen_in(model, points)
 
 
