@@ -12,6 +12,7 @@ import pytest
 from addon.core.blobs.pipeline import TakeLabeller, label_take
 from addon.core.blobs.search import NO_HINTS, Hints
 from addon.core.blobs.subject import TIMED_STAGES, Setup
+from addon.core.blobs.tracking import FOLLOWING_STEPS
 from addon.core.data.takes import NO_MARKER, NO_STEP, Labels
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, disturbed
@@ -53,6 +54,7 @@ def outcome(name="gait15", size=1000):
 @pytest.mark.parametrize("name", ["gait15", "body26"])
 def test_a_walk_is_named(name):
     """A2, A34: every blob of a walk in a room with ghosts."""
+    assert FOLLOWING_STEPS == 2, "iterations a frame"
     whole = outcome(name)
     assert whole.right.mean() > 0.998
     assert whole.wrong <= 0.0005 * whole.given.sum()
