@@ -8,27 +8,10 @@ from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
 from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, NO_STEP, Blobs, Labels, PointRows, Points
-from addon.core.edits import applying
+from addon.core.edits import applying, kinds
 from addon.core.edits.applying import Cells, apply_edits, cells_of_points
 from addon.core.edits.following import Following, changed_frames
-from addon.core.edits.kinds import (
-    EDIT_KINDS,
-    NO_EDITS,
-    Accepted,
-    AssignBlob,
-    AssignPoint,
-    Delete,
-    DeleteBlob,
-    Edits,
-    Place,
-    Right,
-    Swap,
-    UnlabelBlob,
-    UnlabelMarker,
-    UnlabelPoint,
-    counted_on,
-    words_of,
-)
+from addon.core.edits.kinds import AssignPoint, Delete, Edits, Place, Right, Swap, UnlabelMarker, UnlabelPoint
 from addon.core.edits.replay import ANYBODY
 from addon.io.markersets import open_markerset
 
@@ -236,7 +219,7 @@ def test_edits_that_find_nothing_say_why():
         (Right("A", frames=(9, 12)), "edit 2 is about frame 9"),
         (Right("A", frames=(10, 16)), "edit 2 is about frame 16"),
         (Place("A", 99, (0.0, 0.0, 0.0)), "edit 2 is about frame 99"),
-        (AssignBlob("cam1", 10, 1.0, 2.0, "A"), "edit 2 is of a blob in a take of points"),
+        (kinds.AssignBlob("cam1", 10, 1.0, 2.0, "A"), "edit 2 is of a blob in a take of points"),
     ],
 )
 def test_words_that_are_not_of_this_take_are_refused(one, said):
@@ -265,8 +248,8 @@ def cells(markerset):
 def test_a_blob_is_found_again_within_two_pixels_and_markers_are_of_all_images_of_their_frames(cells, markerset):
     sacrum, hip = markerset.markers[:2]
     labels = named(np.array([0, 1, 0, 1, 0, 1]))
-    said = Edits((AssignBlob("cam1", 20, 18.5, 20.0, sacrum), AssignBlob("cam2", 20, 13.0, 10.0, hip)))
-    done = apply_edits(labels, said.added(AssignBlob("cam2", 21, 0, 0, hip)), cells)
+    said = Edits((kinds.AssignBlob("cam1", 20, 18.5, 20.0, sacrum), kinds.AssignBlob("cam2", 20, 13.0, 10.0, hip)))
+    done = apply_edits(labels, said.added(kinds.AssignBlob("cam2", 21, 0, 0, hip)), cells)
     assert done.labels.marker.tolist() == [-1, 0, 0, 1, 0, 1]
     assert done.labels.step.tolist() == [0, BY_EDIT, *[BY_LIKELIHOOD] * 4]
     assert [one.reason for one in done.outcomes] == [
@@ -337,7 +320,7 @@ def test_a_place_that_is_moved_is_a_marker_that_moved_and_where_nothing_was_seen
     one, other = (take_of.apply(Edits((Place(NAMES[1], FIRST + 2, (0.0, 0.0, z)),))) for z in (1.0, 2.0))
     assert changed_frames(one.held, other.held, by_hand=False) == {1: slice(2, 3)}
     assert changed_frames(one.held, one.held) == changed_frames(None, None) == {}
-    assert not changed_frames(None, take_of.apply(NO_EDITS).held)
+    assert not changed_frames(None, take_of.apply(kinds.NO_EDITS).held)
     nothing = PointRows(FIRST + np.arange(FRAMES), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), None)
     placed = Place(NAMES[0], FIRST + 1, (0.0, 0.0, 1.0))
     said = Edits((AssignPoint(int(COLUMNS[0]), NAMES[1]), Swap((NAMES[0], NAMES[1])), placed))
@@ -349,23 +332,23 @@ def test_a_place_that_is_moved_is_a_marker_that_moved_and_where_nothing_was_seen
 WORDS = {
     AssignPoint(12, "LKNE", frames=(100, 250)): "LKNE is trajectory 12, frames 100–250",
     AssignPoint(12, "LKNE", frames=(100, 100)): "LKNE is trajectory 12, frame 100",
-    AssignBlob("cam1", 100, 512.3, 88.1, "LKNE"): "LKNE is the blob at 512 88 of cam1, frame 100",
-    AssignBlob("cam1", 100, 1, 2, "LKNE", frames=(90, 100)): "LKNE is the blob at 1 2 of cam1, frames 90–100",
-    UnlabelBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 has no name, frame 100",
-    DeleteBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 is no marker, frame 100",
+    kinds.AssignBlob("cam1", 100, 512.3, 88.1, "LKNE"): "LKNE is the blob at 512 88 of cam1, frame 100",
+    kinds.AssignBlob("cam1", 100, 1, 2, "LKNE", frames=(90, 100)): "LKNE is the blob at 1 2 of cam1, frames 90–100",
+    kinds.UnlabelBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 has no name, frame 100",
+    kinds.DeleteBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 is no marker, frame 100",
     UnlabelMarker("LKNE"): "Nothing is LKNE, all frames",
     UnlabelPoint(12): "Trajectory 12 has no name, all frames",
     Swap(("LKNE", "RKNE"), frames=(1, 2)): "LKNE and RKNE swapped, frames 1–2",
     Delete(7): "Trajectory 7 is no marker, all frames",
     Place("LKNE", 120, (0.1, 0.2, 0.5)): "LKNE is placed by hand, frame 120",
     Right("LKNE"): "LKNE is right, all frames",
-    Accepted("camera B is off", frames=(1, 2)): "It is right that camera B is off, frames 1–2",
+    kinds.Accepted("camera B is off", frames=(1, 2)): "It is right that camera B is off, frames 1–2",
 }
 
 
 def test_every_kind_has_words():
-    assert {type(edit) for edit in WORDS} == set(EDIT_KINDS)
-    assert {edit: words_of(edit) for edit in WORDS} == WORDS
+    assert {type(edit) for edit in WORDS} == set(kinds.EDIT_KINDS)
+    assert {edit: kinds.words_of(edit) for edit in WORDS} == WORDS
 
 
 @pytest.mark.parametrize(
@@ -378,5 +361,5 @@ def test_every_kind_has_words():
     ],
 )
 def test_a_sentence_names_frames_as_they_are_counted_elsewhere(words, shifted):
-    assert counted_on(words, lambda frame: frame + 10) == shifted
-    assert counted_on(words, int) == words
+    assert kinds.counted_on(words, lambda frame: frame + 10) == shifted
+    assert kinds.counted_on(words, int) == words

@@ -11,16 +11,9 @@ from addon.core.data.errors import ForceableError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs, LabelledChunk, Labels, Motion
 from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edit, Edits, Right, Swap
+from addon.core.pipelines import followed_together
 from addon.core.pipelines.blobs import with_edits
-from addon.core.pipelines.followed_together import (
-    ChunkInRoom,
-    Doubts,
-    FollowedTogether,
-    LookedAt,
-    SeveralBlobs,
-    SubjectsFollowed,
-    label_together,
-)
+from addon.core.pipelines.followed_together import FollowedTogether
 from addon.core.pipelines.several_through_points import SubjectsInImages, label_by_points, label_several_blobs
 from addon.core.points import possible
 from addon.core.points.several.parting import NO_BODY, along_the_line
@@ -44,7 +37,13 @@ def found(shot, model) -> FollowedTogether:
 
 
 def labelled(blobs: Blobs, asked: SeveralOptions, edits: Edits = NO_EDITS, by=label_several_blobs, named=NAMED):
-    return finished(by(SeveralBlobs(lambda: parts_of(blobs, CHUNK), CAMERAS, asked, replace(named, edits=edits), RATE)))
+    return finished(
+        by(
+            followed_together.SeveralBlobs(
+                lambda: parts_of(blobs, CHUNK), CAMERAS, asked, replace(named, edits=edits), RATE
+            )
+        )
+    )
 
 
 def chunks_of(found: FollowedTogether | SubjectsInImages, blobs: Blobs, edits: Edits = NO_EDITS) -> list[LabelledChunk]:
@@ -180,7 +179,7 @@ def test_an_edit_of_who_enters_later_is_for_the_points(model):
 
 
 def test_a_chunk_too_short_to_look_beside_a_frame_goes_by_that_frame_alone(shot, model, monkeypatch):
-    own, looks = SubjectsFollowed._sure_names, []
+    own, looks = followed_together.SubjectsFollowed._sure_names, []
 
     def one_wrong(self, points, groups):
         found = own(self, points, groups)
@@ -190,11 +189,13 @@ def test_a_chunk_too_short_to_look_beside_a_frame_goes_by_that_frame_alone(shot,
         looks.append(len(points))
         return found
 
-    monkeypatch.setattr(SubjectsFollowed, "_sure_names", one_wrong)
+    monkeypatch.setattr(followed_together.SubjectsFollowed, "_sure_names", one_wrong)
     ends = ((1, 36), (37, 40))
     asked = SeveralOptions(model, 2)
-    take = SeveralBlobs(lambda: ((shot[0].between(*e), e[1] / FRAMES) for e in ends), CAMERAS, asked, NAMED, RATE)
-    assert isinstance(finished(label_together(take)), FollowedTogether)
+    take = followed_together.SeveralBlobs(
+        lambda: ((shot[0].between(*e), e[1] / FRAMES) for e in ends), CAMERAS, asked, NAMED, RATE
+    )
+    assert isinstance(finished(followed_together.label_together(take)), FollowedTogether)
     assert len(looks) == len(ends)
 
 
@@ -222,7 +223,9 @@ def test_points_name_what_bodies_cannot(shot, model, case):
         asked = SeveralOptions(subjects=(Wearer("ann", model), Wearer("bob", replace(model, fingerprint="another"))))
     named = {"ensemble": PointOptions("ensemble"), "target": PointOptions("likelihood", 0.99)}.get(case, NAMED)
     shares = []
-    for step in label_several_blobs(SeveralBlobs(lambda: parts_of(blobs, CHUNK), cameras, asked, named, rate)):
+    for step in label_several_blobs(
+        followed_together.SeveralBlobs(lambda: parts_of(blobs, CHUNK), cameras, asked, named, rate)
+    ):
         shares.append(step.fraction)
         if step.note.startswith("reconstruct"):
             break
@@ -245,7 +248,9 @@ def test_bodies_find_out_how_many_there_are_and_take_names_in_their_order(shot, 
 
 
 def test_progress_goes_from_nothing_to_all(shot, model):
-    take = SeveralBlobs(lambda: parts_of(shot[0], CHUNK), CAMERAS, SeveralOptions(model, 2), NAMED, RATE)
+    take = followed_together.SeveralBlobs(
+        lambda: parts_of(shot[0], CHUNK), CAMERAS, SeveralOptions(model, 2), NAMED, RATE
+    )
     steps = list(label_several_blobs(take))
     assert [step.fraction for step in steps] == [share for _, share in parts_of(shot[0], CHUNK)]
 
@@ -253,7 +258,7 @@ def test_progress_goes_from_nothing_to_all(shot, model):
 def test_a_chunk_in_a_room_is_what_it_was_and_not_held(shot, found):
     chunk = chunks_of(found, shot[0])[0]
     with ExitStack() as stack:
-        kept = ChunkInRoom.of(replace(chunk, unedited=chunk.labels), Room(stack, 0))
+        kept = followed_together.ChunkInRoom.of(replace(chunk, unedited=chunk.labels), Room(stack, 0))
         assert all(isinstance(table, FileTable) for table in (kept.labels, kept.motion, kept.unedited))
         again = kept.read()
     for kind, one, other in (
@@ -269,13 +274,13 @@ def test_a_chunk_in_a_room_is_what_it_was_and_not_held(shot, found):
     nothing = replace(
         chunk, labels=Labels.none(0), motion=Motion(**{name: one[:0] for name, one in vars(chunk.motion).items()})
     )
-    assert len(ChunkInRoom.of(nothing, Room(ExitStack(), 0)).read().labels.marker) == 0
+    assert len(followed_together.ChunkInRoom.of(nothing, Room(ExitStack(), 0)).read().labels.marker) == 0
 
 
 def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them():
     """Four points of two in two cameras, of which a frame is sure; each has the markers 0 and 1."""
     slots = np.array([[0, 0], [1, 1], [2, 2], [3, 3]])
-    look = LookedAt(0, slots, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]))
+    look = followed_together.LookedAt(0, slots, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]))
     for owners, contradicted, explained in (
         ([0, 1, 2, 3], [0, 0, 0, 0], [1, 1, 1, 1]),
         ([2, 3, 0, 1], [0, 0, 0, 0], [1, 1, 1, 1]),
@@ -287,7 +292,7 @@ def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them(
         assert look.contradicted(owner, 2).tolist() == list(map(bool, contradicted))
         assert look.explained(owner, 2).tolist() == list(map(bool, explained))
     assert look.explained(np.array([[0, 1, 2, 3], [0, 1, 2, 1]]), 2).tolist() == [True, True, True, False]
-    doubts = Doubts([look], 2)
+    doubts = followed_together.Doubts([look], 2)
     for start, counted in ((-1, 2), (-1, 2), (3, 0)):  # seen from both sides it is the frame that errs
         doubts.begin(start)
         doubts.add(0, np.array([[1, 0, 2, 3]] * 2))
@@ -298,9 +303,9 @@ def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them(
 
 def test_what_a_frame_beside_says_alike_is_no_error_of_one_frame_unless_both_sides_deny_it():
     slots, group, marker = np.array([[0, 0], [1, 1], [2, 2], [3, 3]]), np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
-    look, beside = (LookedAt(at, slots, group, marker) for at in (0, 2))
+    look, beside = (followed_together.LookedAt(at, slots, group, marker) for at in (0, 2))
     right, wrong = (np.array([owners] * 2) for owners in ([0, 1, 2, 3], [1, 0, 2, 3]))
-    doubts = Doubts([look], 2)
+    doubts = followed_together.Doubts([look], 2)
     doubts.begin(4)
     doubts.add(0, wrong)
     doubts.confirm(0, wrong, beside, right)

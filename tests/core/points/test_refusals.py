@@ -12,22 +12,12 @@ from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
-from addon.core.points import unordered
+from addon.core.points import refusals, unordered
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.learn import Trial, learn_likelihood, make_trial
 from addon.core.points.models import Model, namer_of
 from addon.core.points.motion import LabelledPoints
 from addon.core.points.possible import refuse_impossible, slow_words
-from addon.core.points.refusals import (
-    NO_FIT,
-    REFUSAL,
-    SetFit,
-    refuse_floods,
-    refuse_others,
-    refuse_two_groups,
-    refuse_unlike,
-    refuse_unrecognised,
-)
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.tracklets import cut
@@ -82,17 +72,17 @@ def first(count: int) -> Labels:
 
 def refused(model: Model, points: np.ndarray) -> str:
     with pytest.raises(JobError) as caught:
-        refuse_others(model, namer_of(model, "likelihood"), points)
+        refusals.refuse_others(model, namer_of(model, "likelihood"), points)
     return caught.value.message
 
 
 def test_what_the_model_is_for_passes_and_another_marker_set_is_said_so(model, plated):
     ghosts = np.tile(np.random.default_rng(2).uniform(-1, 1, (3, 3)), (FRAMES, 1, 1))
-    refuse_others(model, namer_of(model, "likelihood"), np.concatenate([person(1), ghosts], axis=1))
-    refuse_others(plated, namer_of(plated, "likelihood"), robot(2))
+    refusals.refuse_others(model, namer_of(model, "likelihood"), np.concatenate([person(1), ghosts], axis=1))
+    refusals.refuse_others(plated, namer_of(plated, "likelihood"), robot(2))
     half = robot(3)
     half[:, ::4] = np.nan
-    refuse_others(plated, namer_of(plated, "likelihood"), half)
+    refusals.refuse_others(plated, namer_of(plated, "likelihood"), half)
     other = np.random.default_rng(5)
     chaos = np.tile(other.uniform([-0.4, -0.4, 0], [0.4, 0.4, 1.7], (20, 3)), (FRAMES, 1, 1))
     for points in (robot(1), chaos, other.normal(0, 1, (FRAMES, 15, 3))):
@@ -111,9 +101,9 @@ def test_two_subjects_are_said_so(model, distance):
 def test_two_groups_are_two_subjects_where_nothing_names_points(model):
     both = np.concatenate([person(1), person(2, at=(0.3, 2.5))], axis=1)
     with pytest.raises(JobError, match="shows two subjects or more that wear gait15"):
-        refuse_two_groups(model, both)
+        refusals.refuse_two_groups(model, both)
     ghosts = np.tile(np.random.default_rng(2).uniform(1, 1.2, (5, 3)), (FRAMES, 1, 1))
-    refuse_two_groups(model, np.concatenate([person(1), ghosts], axis=1))
+    refusals.refuse_two_groups(model, np.concatenate([person(1), ghosts], axis=1))
 
 
 def test_two_on_plates_are_said_so(plated):
@@ -127,11 +117,11 @@ def test_too_few_points_or_labels_are_said_so_and_a_flood_of_points_before_it_fi
     assert "no frame with enough points" in refused(model, few)
     points = person(1)
     with pytest.raises(JobError, match="20% of what could be its markers was recognised for sure"):
-        refuse_unrecognised(model, namer_of(model, "likelihood"), points, first(3))
-    refuse_unrecognised(model, namer_of(model, "likelihood"), points, first(5))
+        refusals.refuse_unrecognised(model, namer_of(model, "likelihood"), points, first(3))
+    refusals.refuse_unrecognised(model, namer_of(model, "likelihood"), points, first(5))
     with pytest.raises(JobError, match="has 16000 points in one frame"):
-        refuse_floods(np.zeros((3, 16000, 3)))
-    refuse_floods(np.zeros((3, 100, 3)))
+        refusals.refuse_floods(np.zeros((3, 16000, 3)))
+    refusals.refuse_floods(np.zeros((3, 100, 3)))
 
 
 @pytest.mark.parametrize(
@@ -150,20 +140,23 @@ def test_recorded_takes_that_a_built_in_model_is_or_is_not_for(shared_data, take
     if words:
         assert words in refused(known, points)
     else:
-        refuse_others(known, namer_of(known, "likelihood"), points)
+        refusals.refuse_others(known, namer_of(known, "likelihood"), points)
 
 
 def test_where_frames_are_not_sure_the_whole_take_must_be(model):
     namer, points = namer_of(model, "likelihood"), person(1)
-    likely, unlikely = (SetFit(0.0, REFUSAL.min_log_likelihood + more) for more in (0.1, -0.1))
-    refuse_unlike(model, namer, points, unlikely)
-    refuse_unlike(model, namer, points, likely, sure=False)
-    for fit, why in ((unlikely, "the points do not lie as its markers do"), (NO_FIT, "no frame shows enough of its")):
+    likely, unlikely = (refusals.SetFit(0.0, refusals.REFUSAL.min_log_likelihood + more) for more in (0.1, -0.1))
+    refusals.refuse_unlike(model, namer, points, unlikely)
+    refusals.refuse_unlike(model, namer, points, likely, sure=False)
+    for fit, why in (
+        (unlikely, "the points do not lie as its markers do"),
+        (refusals.NO_FIT, "no frame shows enough of its"),
+    ):
         with pytest.raises(JobError, match=f"of model gait15: {why}"):
-            refuse_unlike(model, namer, points, fit, sure=False)
-    refuse_unrecognised(model, namer, points, first(12), sure=False)
+            refusals.refuse_unlike(model, namer, points, fit, sure=False)
+    refusals.refuse_unrecognised(model, namer, points, first(12), sure=False)
     with pytest.raises(JobError, match="73% of what could be its markers"):
-        refuse_unrecognised(model, namer, points, first(11), sure=False)
+        refusals.refuse_unrecognised(model, namer, points, first(11), sure=False)
 
 
 @pytest.fixture(scope="module")

@@ -11,17 +11,10 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.views import Sight, split_views
+from addon.core.papers.virtual_occlusions import placement
 from addon.core.papers.virtual_occlusions.cloud import Cloud, build_cloud
 from addon.core.papers.virtual_occlusions.cost import BlobPull, RayPull
-from addon.core.papers.virtual_occlusions.placement import (
-    Guess,
-    blob_centroids,
-    extent,
-    make_starts,
-    principal_guess,
-    solve_translation,
-    stature,
-)
+from addon.core.papers.virtual_occlusions.placement import principal_guess, solve_translation
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import FLAWLESS, blobs_at, built_in, stand
 
@@ -33,7 +26,7 @@ def test_a_cameras_centroid_is_the_mean_of_its_blobs(counts, seed):
     """A4: padding does not count, and a camera without blobs is left out."""
     generator = np.random.default_rng(seed)
     pixels = [generator.uniform(0, 480, (count, 2)) for count in counts]
-    centroids, seen = blob_centroids(split_views(blobs_at(pixels), RIG)[0])
+    centroids, seen = placement.blob_centroids(split_views(blobs_at(pixels), RIG)[0])
     assert seen.tolist() == [count > 0 for count in counts]
     for camera in np.flatnonzero(seen):
         ideal = RIG.undistort(pixels[camera], np.full(counts[camera], camera))
@@ -102,7 +95,7 @@ def line_apart(first, second):
     return abs((first - second + np.pi / 2) % np.pi - np.pi / 2)
 
 
-def bounding_box_guess(cloud: Cloud, tallest_marker: float) -> Guess:
+def bounding_box_guess(cloud: Cloud, tallest_marker: float) -> placement.Guess:
     """Height and facing from the cloud's upright bounding box: a body is wider than it is deep.
 
     `tallest_marker` is the height of the model's highest marker, heights. The narrowest of boxes turned about the
@@ -110,9 +103,9 @@ def bounding_box_guess(cloud: Cloud, tallest_marker: float) -> Guess:
     """
     angles = np.arange(0, np.pi, np.pi / 36)
     across = cloud.points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
-    width = extent(across, cloud.weight)
+    width = placement.extent(across, cloud.weight)
     narrowest = int(np.argmin(width))
-    return Guess(stature(cloud, tallest_marker), float(angles[narrowest]))
+    return placement.Guess(placement.stature(cloud, tallest_marker), float(angles[narrowest]))
 
 
 @pytest.mark.parametrize("guess", [bounding_box_guess, principal_guess], ids=["box", "axes"])
@@ -159,7 +152,7 @@ def test_guesses_from_blobs_are_good_starts_for_most():
 def test_starts_stand_around_the_point():
     model = BodyModel(built_in("gait15"))
     point, facings = np.array([0.3, -0.2, 0.5]), np.array([0, 2.0, 4.0])
-    starts = make_starts(model, point, 1.5, facings)
+    starts = placement.make_starts(model, point, 1.5, facings)
     posed = model.pose(starts)
     assert posed.markers.mean(axis=1) == pytest.approx(np.tile(point, (3, 1)))
     assert posed.rotations[:, 0, :, 0] == pytest.approx(np.stack([np.cos(facings), np.sin(facings), 0 * facings], 1))
