@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.data.errors import ForceableError, InputError, of_file
@@ -107,7 +107,6 @@ def labelled(first: int, last: int, value: int, blobs: bool = False, joints: int
     return LabelledRange(rows, labels, motion, tuple(suspects))
 
 
-@settings(deadline=None, max_examples=40)
 @given(*(st.integers(0, 30) for _ in range(4)), st.booleans())
 def test_in_its_frames_the_new_holds_and_elsewhere_the_old(a, b, c, d, blobs):
     old, new = labelled(min(a, b), max(a, b), 1, blobs), labelled(min(c, d), max(c, d), 2, blobs)

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
@@ -63,6 +63,7 @@ def named(marker: np.ndarray) -> Labels:
 
 A, B, C = range(3)
 seeds = st.integers(0, 10_000)
+takes = seeds.map(lambda seed: (*(made := take(seed)), cells_of(made[1])))  # labels, which points are there, and cells
 
 
 def column(number: int) -> int:
@@ -74,11 +75,9 @@ def rows(one) -> slice:
     return slice(first - FIRST, last - FIRST + 1)
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, edits)
-def test_no_frame_has_a_marker_twice_and_only_points_have_names(seed, said):
-    labels, present = take(seed)
-    cells = cells_of(present)
+@given(takes, edits)
+def test_no_frame_has_a_marker_twice_and_only_points_have_names(made, said):
+    labels, present, cells = made
     after = apply_edits(labels, said, cells)
     for row in range(FRAMES):
         own = after.labels.marker[row]
@@ -91,11 +90,9 @@ def test_no_frame_has_a_marker_twice_and_only_points_have_names(seed, said):
     assert (after.labels.named == (after.labels.confidence > 0)).all()
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, edits, edit)
-def test_the_last_edit_holds_whatever_was_said_before(seed, said, last):
-    labels, present = take(seed)
-    cells = cells_of(present)
+@given(takes, edits, edit)
+def test_the_last_edit_holds_whatever_was_said_before(made, said, last):
+    labels, present, cells = made
     before = apply_edits(labels, said, cells)
     done = apply_edits(labels, said.added(last), cells)
     after, part = done.labels, rows(last)
@@ -124,11 +121,9 @@ def test_the_last_edit_holds_whatever_was_said_before(seed, said, last):
         assert (after.marker[part] == swapped).all()
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, edits, edit)
-def test_what_an_edit_is_not_about_stays(seed, said, last):
-    labels, present = take(seed)
-    cells = cells_of(present)
+@given(takes, edits, edit)
+def test_what_an_edit_is_not_about_stays(made, said, last):
+    labels, _, cells = made
     before, after = (apply_edits(labels, one, cells).labels.marker for one in (said, said.added(last)))
     outside = np.ones(FRAMES, bool)
     outside[rows(last)] = False
@@ -138,11 +133,9 @@ def test_what_an_edit_is_not_about_stays(seed, said, last):
         assert (before[~own] == after[~own]).all()
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, edits)
-def test_nothing_that_is_given_is_changed_and_undo_is_a_shorter_list(seed, said):
-    labels, present = take(seed)
-    cells = cells_of(present)
+@given(takes, edits)
+def test_nothing_that_is_given_is_changed_and_undo_is_a_shorter_list(made, said):
+    labels, present, cells = made
     kept = [column.copy() for column in (labels.marker, labels.step, labels.confidence, present)]
     steps = [apply_edits(labels, Edits(said.items[:count]), cells).labels.marker for count in range(len(said) + 1)]
     now = labels.marker, labels.step, labels.confidence, present
@@ -154,12 +147,10 @@ def test_nothing_that_is_given_is_changed_and_undo_is_a_shorter_list(seed, said)
     assert (steps[0] == labels.marker).all()
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, seeds, edits)
-def test_labelled_again_the_same_edits_of_what_lies_below_say_the_same(seed, other, said):
+@given(takes, seeds, edits)
+def test_labelled_again_the_same_edits_of_what_lies_below_say_the_same(made, other, said):
     """`below` gives labels of which the edits make what they make of the old ones, and the new ones elsewhere."""
-    labels, present = take(seed)
-    cells = cells_of(present)
+    labels, present, cells = made
     first = apply_edits(labels, said, cells)
     again = named(np.where(present, take(other)[0].marker, NO_MARKER))
     below = first.edited.below(labels, again)
@@ -281,7 +272,6 @@ def same(one: Labels, other: Labels):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-@settings(max_examples=80, deadline=None)
 @given(seeds, st.lists(edits, min_size=1, max_size=3))
 def test_they_are_those_of_all_edits_at_once(seed, lists):
     labels, present = take(seed)
@@ -296,7 +286,6 @@ def test_they_are_those_of_all_edits_at_once(seed, lists):
         }
 
 
-@settings(max_examples=40, deadline=None)
 @given(seeds, edits, edit)
 def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     take_of, rows, _ = followed(*take(seed))

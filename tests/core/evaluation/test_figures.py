@@ -103,7 +103,6 @@ def named(xyz: np.ndarray, rate: float = 10.0) -> Points:
     return Points(names, xyz, np.where(np.isfinite(xyz[..., 0]), 0.001, np.nan), rate, 5)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(1, 80), st.integers(1, 6), st.integers(0, 1000), st.integers(1, 30))
 def test_every_point_is_there_once_with_its_name_and_in_a_piece_of_its_own(frames, count, seed, longest):
     chance = np.random.default_rng(seed)

@@ -108,7 +108,6 @@ def test_a_calibration_that_is_none_is_refused_in_one_sentence(field, index, cha
     assert "cam2" in str(caught.value)
 
 
-@settings(deadline=None)
 @given(
     st.floats(0.0, 0.999),
     st.floats(0, 6.3),
