@@ -82,7 +82,6 @@ def part_of(results, first, end):
 
 @pytest.mark.parametrize("frames", [range(12), range(25, 50), range(60, 72)], ids=["begin", "middle", "end"])
 def test_one_foot_of_exchanged_markers_is_put_right(frames):
-    """At either end of the take, and within."""
     scene, setup, views, results = followed()
     exchange(scene, results, frames, *FOOT)
     assert wrong_names(scene, views, results)[list(frames)].min() > 10

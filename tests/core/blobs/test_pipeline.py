@@ -72,7 +72,6 @@ def test_labels_are_well_formed():
 
 
 def test_motion_is_where_the_person_was():
-    """Triangulated from two or more cameras, with residuals; the fitted body carries the rest."""
     scene, whole = walk(), outcome()
     (motion,) = [chunk.motion for chunk in whole.chunks]
     count, markers = len(scene.blobs.frames), len(scene.markerset)
@@ -150,7 +149,6 @@ def test_a_person_who_comes_later_is_found(size):
 
 
 def test_nobody_there_is_said():
-    """Ghosts alone: no names, no pose, and a suspect that covers the take."""
     generator, scene = np.random.default_rng(1), walk()
     ghosts = scene.truth == ""
     empty = Outcome(scene, ghosts)
@@ -202,7 +200,6 @@ def test_twelve_frames_a_second():
 
 
 def test_memory_does_not_grow_with_the_take():
-    """The same standing person for many chunks: what is held after the last is what was held after the third."""
     rig = paper_rig()
     scene = stand(built_in("gait15"), rig, 2)
     chunk = film(scene.markerset, rig, scene.bodies.pick(np.zeros(6, dtype=int)), CLEAN).blobs

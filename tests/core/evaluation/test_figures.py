@@ -162,7 +162,6 @@ def test_what_got_worse_beyond_its_margin_is_said():
 
 
 def test_a_wrong_name_throughout_a_take_is_never_let_pass():
-    """A marker of sixty, in one of twenty takes, which are all else as they were."""
     there = np.full(60, 100)
     before = NameCounts(there, there, 0 * there)
     after = NameCounts(there, there - 100 * (np.arange(60) == 7), 100 * (np.arange(60) == 9))

@@ -190,15 +190,6 @@ def test_a_blob_that_no_light_can_make_is_left_out():
     assert view.count == 1 and view.row[0, 0] == 1
 
 
-@given(st.integers(0, 2**16))
-def test_sight_sees_what_the_reference_pinhole_sees(seed):
-    """A7: equation 6's projection, as the one camera model has it, which is the textbook's."""
-    points = np.random.default_rng(seed).uniform([-0.8, -0.8, 0], [0.8, 0.8, 2], (1, 9, 3))
-    sight = Sight(RIG)
-    image = sight.image(sight.local(points))[0]
-    assert image == pytest.approx(RIG.normalised(points[0]), abs=1e-12)
-
-
 def test_points_behind_a_camera_are_nobodys_nearest_and_not_inside():
     sight = Sight(RIG)
     behind = RIG.centres[0] - RIG.rotation[0, 2]

@@ -20,7 +20,7 @@ from addon.core.points.several.parting import NO_BODY, along_the_line
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.io.tables import FileTable, Room
-from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, shot_of, truth_of
+from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, label, names_of, shot_of, truth_of
 from tests.core.scenes import keep, parts_of
 
 
@@ -36,14 +36,14 @@ def found(shot, model) -> FollowedTogether:
     return found
 
 
-def labelled(blobs: Blobs, asked: SeveralOptions, edits: Edits = NO_EDITS, by=label_several_blobs, named=NAMED):
-    return finished(
-        by(
-            followed_together.SeveralBlobs(
-                lambda: parts_of(blobs, CHUNK), CAMERAS, asked, replace(named, edits=edits), RATE
-            )
-        )
-    )
+@pytest.fixture(scope="module")
+def names(shot, found) -> np.ndarray:
+    """Of all blobs of the take."""
+    return names_of(found, chunks_of(found, shot[0]))
+
+
+def labelled(blobs: Blobs, asked: SeveralOptions, edits: Edits = NO_EDITS, by=label_several_blobs, **options):
+    return label(by, blobs, asked, edits=edits, **options)
 
 
 def chunks_of(found: FollowedTogether | SubjectsInImages, blobs: Blobs, edits: Edits = NO_EDITS) -> list[LabelledChunk]:
@@ -53,10 +53,6 @@ def chunks_of(found: FollowedTogether | SubjectsInImages, blobs: Blobs, edits: E
     return list(with_edits(few, work, edits, CAMERAS, found.worn) if edits else work)
 
 
-def names_of(found: FollowedTogether | SubjectsInImages, chunks: list[LabelledChunk]) -> np.ndarray:
-    return np.array([*found.worn.markers, ""], object)[np.concatenate([one.labels.marker for one in chunks])]
-
-
 def in_truth(names: np.ndarray, truth: np.ndarray, people: str) -> np.ndarray:
     """(N,) True for the names that are right, where 1 and 2 are those people."""
     own = [people["12".index(name[0])] + name[1:] if name else "?" for name in names]
@@ -64,7 +60,6 @@ def in_truth(names: np.ndarray, truth: np.ndarray, people: str) -> np.ndarray:
 
 
 def test_two_who_stay_are_named_without_the_points_of_all_frames_and_as_well(shot, model, found):
-    """Every body is the same one's in all chunks."""
     blobs, truth = shot
     chunks, points = chunks_of(found, blobs), labelled(blobs, SeveralOptions(model, 2), by=label_by_points)
     names, by_points = names_of(found, chunks), names_of(points, chunks_of(points, blobs))
@@ -79,7 +74,6 @@ def test_two_who_stay_are_named_without_the_points_of_all_frames_and_as_well(sho
     ("people", "apart"), [((1, 2), 0.6), ((2, 1), 0.6), ((1, 2), -0.6), ((3, 4), 0.7), ((4, 3), 0.7), ((5, 6), -0.7)]
 )
 def test_both_ways_count_them_alike_by_where_they_stand(model, people, apart):
-    """And whichever is generated first."""
     blobs, truth = shot_of(model, people, apart)
     first = people if apart > 0 else people[::-1]
     for by, kind in ((label_several_blobs, FollowedTogether), (label_by_points, SubjectsInImages)):
@@ -118,10 +112,8 @@ def trail_of(blobs: Blobs, names: np.ndarray, name: str, camera: int, frames: tu
     return AssignBlob(marker=to, **where, frames=frames, trail=trail)
 
 
-def test_an_edit_of_what_bodies_named_lands_on_that_person_and_bodies_hear_it(shot, model, found):
-    """Markers exchanged in some frames have the other's names there, and hardly anything else has another name."""
+def test_an_edit_of_what_bodies_named_lands_on_that_person_and_bodies_hear_it(shot, model, names):
     blobs = shot[0]
-    names = names_of(found, chunks_of(found, blobs))
     for person in "12":
         one, other = f"{person}:LKNE", f"{person}:LANK"
         edits = Edits((Swap((one, other), frames=(18, 24)),))
@@ -136,10 +128,9 @@ def test_an_edit_of_what_bodies_named_lands_on_that_person_and_bodies_hear_it(sh
         assert not truth_of(now, "?").any()
 
 
-def test_named_blobs_are_seeds_of_the_bodies(shot, model, found):
+def test_named_blobs_are_seeds_of_the_bodies(shot, model, found, names):
     """What is too far off to have a name is so named already where the edits are yet to be applied."""
     blobs = shot[0]
-    names = names_of(found, chunks_of(found, blobs))
     camera = int(np.bincount(blobs.camera[names == "1:LTHI"]).argmax())
     own = (names == "1:LTHI") & (blobs.camera == camera) & (blobs.frame >= 19) & (blobs.frame < 30)
     off = replace(blobs, xy=blobs.xy + 6.0 * own[:, None])
@@ -154,19 +145,18 @@ def test_named_blobs_are_seeds_of_the_bodies(shot, model, found):
     assert (marker[~own] == before[~own]).mean() > 0.99
 
 
-def test_where_bodies_do_not_go_with_edits_names_and_numbers_stay_as_they_were(shot, model, found):
+def test_where_bodies_do_not_go_with_edits_names_and_numbers_stay_as_they_were(shot, model, names):
     """Two who are each other in some frames by all of their markers: nobody gets there between two frames."""
     blobs = shot[0]
-    before = names_of(found, chunks_of(found, blobs))
     markers = model.markerset.markers
     edits = Edits(tuple(Swap((f"1:{name}", f"2:{name}"), frames=(5, 12)) for name in markers))
     again = labelled(blobs, SeveralOptions(model, 2), edits)
     assert isinstance(again, FollowedTogether)
     now = names_of(again, chunks_of(again, blobs, edits))
     inside = (blobs.frame >= 4) & (blobs.frame < 12)
-    exchanged = np.array(["21"["12".index(name[0])] + name[1:] if name else "" for name in before], object)
+    exchanged = np.array(["21"["12".index(name[0])] + name[1:] if name else "" for name in names], object)
     assert (now[inside] == exchanged[inside]).all()
-    assert (now[~inside] == before[~inside]).all()
+    assert (now[~inside] == names[~inside]).all()
 
 
 def test_an_edit_of_who_enters_later_is_for_the_points(model):
@@ -204,12 +194,11 @@ def test_a_rate_that_cannot_be_is_refused_unless_it_is_forced(shot, model, monke
     monkeypatch.setattr(possible, "POSSIBLE", replace(possible.POSSIBLE, gravities=0.01))
     with pytest.raises(ForceableError, match="a rate that cannot be"):
         labelled(shot[0], asked)
-    assert isinstance(labelled(shot[0], asked, named=replace(NAMED, force=True)), FollowedTogether)
+    assert isinstance(labelled(shot[0], asked, force=True), FollowedTogether)
 
 
 @pytest.mark.parametrize("case", ["leaves", "three", "ensemble", "target", "one", "two models", "two cameras", "slow"])
 def test_points_name_what_bodies_cannot(shot, model, case):
-    """Progress goes from 0 to 1 once all the same."""
     blobs, truth = shot
     count = {"three": 3, "one": 1}.get(case, 2)
     asked, rate = SeveralOptions(model, count), 10.0 if case == "slow" else RATE

@@ -8,21 +8,20 @@ import pytest
 
 from addon.core.blobs.pipeline import label_take
 from addon.core.data.errors import InputError, JobError
-from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
 from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
 from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.fitted_subjects import FollowedSubjects
 from addon.core.pipelines.others import OtherSubjects, refuse_two
-from addon.core.pipelines.several_through_points import PointsOfBlobs, SeveralBlobs, SubjectsInImages, label_by_points
+from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_by_points
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
-from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, shot_of, truth_of
+from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, RATE, label, names_of, shot_of, truth_of
 from tests.core.scenes import abreast, cut, parts_of
 
 
@@ -31,16 +30,9 @@ def shot(model):
     return shot_of(model)
 
 
-def label(blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
-    """Some of the blobs of the take, labelled."""
-    take = SeveralBlobs(lambda: parts_of(blobs, CHUNK), CAMERAS, asked, replace(NAMED, **options), RATE)
-    return finished(label_by_points(take))
-
-
 def named(found: SubjectsInImages, blobs: Blobs) -> tuple[np.ndarray, list]:
     chunks = list(found.chunks(part for part, _ in parts_of(blobs, CHUNK)))
-    marker = np.concatenate([chunk.labels.marker for chunk in chunks])
-    return np.array([*found.worn.markers, ""], object)[marker], chunks
+    return names_of(found, chunks), chunks
 
 
 def swapped(truth: np.ndarray) -> np.ndarray:
@@ -49,7 +41,7 @@ def swapped(truth: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def found(shot, model) -> SubjectsInImages:
-    return label(shot[0], SeveralOptions(model, 2))
+    return label(label_by_points, shot[0], SeveralOptions(model, 2))
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +56,7 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
     blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))  # the set's model knows neither
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
-    found = label(blobs, asked)
+    found = label(label_by_points, blobs, asked)
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
     assert found.worn.markers == tuple(f"ann:{name}" for name in model.markerset.markers)
     names, chunks = named(found, blobs)
@@ -81,30 +73,19 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
 
 
 def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
-    """Whoever else is there is no reason to say that she is."""
     blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
-    names, _ = named(label(blobs, asked), blobs)
+    names, _ = named(label(label_by_points, blobs, asked), blobs)
     hers = max("12", key=lambda one: ((names != "") & truth_of(truth, one)).sum())
     kept = ~(truth_of(truth, hers) & (blobs.frame >= 22))
     few = blobs.part(slice(0, FRAMES), kept)
-    found = label(few, asked)
+    found = label(label_by_points, few, asked)
     assert len(found.labelled.worn.subjects) == 2
     _, chunks = named(found, few)
     confidence = np.concatenate([chunk.motion.confidence for chunk in chunks])
     assert (confidence[:20] > 0).all()
     assert (confidence[-15:] == 0).all()
-
-
-def test_as_many_as_are_asked_for_have_names_and_others_are_in_the_way(shot, model):
-    blobs = shot[0]
-    found = label(blobs, SeveralOptions(model, 1))
-    assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
-    assert found.worn.markers == tuple(f"1:{name}" for name in model.markerset.markers)
-    names, chunks = named(found, blobs)
-    assert set(names) == {"", *found.worn.markers}
-    assert chunks[0].motion.markers.shape == (16, 15, 3)
 
 
 def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
@@ -113,7 +94,7 @@ def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
     camera = np.bincount(blobs.camera[lost]).argmax()
     kept = ~lost | (blobs.camera == camera)
     few, truth = blobs.part(slice(0, FRAMES), kept), truth[kept]
-    again = label(few, SeveralOptions(model, 2))
+    again = label(label_by_points, few, SeveralOptions(model, 2))
     names, _ = named(again, few)
     other = (names != truth).sum() > (names != swapped(truth)).sum()
     expected = "2:LKNE" if other else "1:LKNE"
@@ -146,7 +127,7 @@ def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, f
     trail = np.column_stack([blobs.frames[blobs.frame[rows]], blobs.xy[rows]])
     where = {"camera": CAMERAS.names[camera], "frame": int(trail[0, 0]), "x": trail[0, 1], "y": trail[0, 2]}
     edits = Edits((AssignBlob(marker="2:LTHI", **where, frames=(1, FRAMES), trail=trail),))
-    again = label(blobs, SeveralOptions(model, 2), edits=edits)
+    again = label(label_by_points, blobs, SeveralOptions(model, 2), edits=edits)
     names = again.worn.by_name
     before, now = found.labelled.labels.marker, again.labelled.labels.marker
     point = (before == names["1:LTHI"]) & (now == names["2:LTHI"])
@@ -164,7 +145,7 @@ def test_an_edit_of_somebody_who_is_not_there_is_told_by_its_own_number(shot, mo
     where = {"camera": CAMERAS.names[blobs.camera[row]], "frame": 10, "x": blobs.xy[row, 0], "y": blobs.xy[row, 1]}
     edits = Edits((Place("1:LKNE", 10, (0.0, 0.0, 1.0)), AssignBlob(marker="3:LKNE", **where)))
     with pytest.raises(InputError, match="edit 2 names '3:LKNE'"):
-        label(blobs, SeveralOptions(model), edits=edits)
+        label(label_by_points, blobs, SeveralOptions(model), edits=edits)
 
 
 def test_a_blob_that_is_off_its_point_has_no_name(shot, found, labelled):

@@ -12,6 +12,7 @@ from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
+from addon.core.geometry.upright import turned
 from addon.core.points import refusals, unordered
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.learn import Trial, learn_likelihood, make_trial
@@ -184,10 +185,9 @@ def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model
 @settings(max_examples=12)
 @given(st.sampled_from([1000.0, 100.0, 39.37, 25.4, 10.0, 2.54]), st.booleans(), st.integers(-180, 180))
 def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
-    angle = np.deg2rad(turn)
-    turned = walk @ np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    taken = turned(walk, np.full(len(walk), np.deg2rad(turn)))
     with pytest.raises(JobError, match=r"seems to be in .* and is taken for|has a unit that cannot be"):
-        labelled(turned / times if too_small else turned * times, RATE, model)
+        labelled(taken / times if too_small else taken * times, RATE, model)
 
 
 def test_the_unit_is_said_where_frames_are_sure_of_it_and_who_is_slow_can_be_at_any_rate(model, walk):
@@ -250,12 +250,6 @@ def alone(model, clouds) -> Labels:
     return Labels.join(label_frames(model.likelihood, clouds.points))
 
 
-@pytest.fixture(scope="module")
-def learned(model, clouds, alone):
-    """The likelihood of the subject."""
-    return finished(learn_subject(model.likelihood, clouds.points, alone))
-
-
 def right(labels: Labels, clouds: Trial) -> float:
     """The part of the points that have their own name, sure enough; none may have another's."""
     marker = labels.sure(TARGET)
@@ -263,7 +257,8 @@ def right(labels: Labels, clouds: Trial) -> float:
     return float((marker == clouds.truth)[clouds.truth >= 0].mean())
 
 
-def test_what_is_sure_names_the_rest_and_finds_the_marker_worn_elsewhere(clouds, alone, learned):
+def test_what_is_sure_names_the_rest_and_finds_the_marker_worn_elsewhere(model, clouds, alone):
+    learned = finished(learn_subject(model.likelihood, clouds.points, alone))
     assert (alone.sure(TARGET) == RTHI).sum() < 0.2 * (clouds.truth == RTHI).sum()
     named = Labels.join(label_frames(learned, clouds.points))
     assert right(named, clouds) > 0.98 > 0.95 > right(alone, clouds)

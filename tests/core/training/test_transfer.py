@@ -15,12 +15,13 @@ from addon.core.simulation.virtual import Act
 from addon.core.training.contradictions import contradictions, leads
 from addon.core.training.described import DESCRIBING, described
 from addon.core.training.segments import find_segments, segment_markerset
-from addon.core.training.takes import LabelledTake, learnable, standing_apart
+from addon.core.training.takes import LabelledTake, contradicted, learnable, standing_apart
 from addon.core.training.transfer import known_body, transferred
 from addon.demo.take import make_performance
 from addon.io.layouts import open_layout, shipped_layouts
 from addon.io.markersets import open_markerset
 from addon.jobs.models import known_bodies
+from addon.jobs.training_takes import read_takes
 from tests import recorded
 from tests.core.scenes import walker
 
@@ -313,9 +314,6 @@ def test_missing_markers_are_no_contradiction(takes):
 
 
 def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
-    from addon.core.training.takes import contradicted
-    from addon.jobs.training_takes import read_takes
-
     said = contradicted(read_takes(recorded.takes(shared_data, *recorded.MCGILL), ()), MARKERS)
     assert [line.split(", if")[0] for line in said] == [
         "LWRA and LWRB have each other's names in HC030A01.c3d",
@@ -331,9 +329,6 @@ def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
 
 
 def test_a_plate_that_is_named_front_to_back_in_a_standing_trial_is_found(shared_data):
-    from addon.core.training.takes import contradicted
-    from addon.jobs.training_takes import read_takes
-
     trials = [shared_data.parent / f"strangers/still/amputee_a01_{kind}.trc" for kind in ("standing", "walk_fast")]
     takes = read_takes(trials, ())
     assert [line.split(" in one")[0] for line in contradicted(takes, takes[0].names)] == [

@@ -8,6 +8,7 @@ import numpy as np
 
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels
+from addon.core.geometry.upright import turned
 from addon.core.papers.partial_solvers import features
 from addon.core.papers.partial_solvers.boosting import learn_intervals
 from addon.core.papers.partial_solvers.features import UP, Tables, all_features, tables
@@ -88,10 +89,7 @@ def moving(markers: int = 6, frames: int = 200, sway: float = 0.04, seed: int = 
     shape = generator.uniform(-0.5, 0.5, (markers, 3))
     wobble = shape + generator.normal(scale=sway, size=(frames, markers, 3))
     yaw = generator.uniform(0, 2 * np.pi, frames)
-    turned = wobble.copy()
-    turned[..., 0] = np.cos(yaw)[:, None] * wobble[..., 0] - np.sin(yaw)[:, None] * wobble[..., 1]
-    turned[..., 1] = np.sin(yaw)[:, None] * wobble[..., 0] + np.cos(yaw)[:, None] * wobble[..., 1]
-    return turned + generator.uniform(-2, 2, (frames, 1, 3)) * [1, 1, 0]
+    return turned(wobble, yaw) + generator.uniform(-2, 2, (frames, 1, 3)) * [1, 1, 0]
 
 
 def pool_of(points: np.ndarray, functions=FUNCTIONS):

@@ -253,7 +253,6 @@ def test_of_two_markers_on_one_line_the_nearer_has_the_blob():
 
 
 def test_two_cameras_that_disagree_lose_both_names():
-    """No telling which of the two is wrong."""
     pixels = [row[:1] if index < 2 else np.zeros((0, 2)) for index, row in enumerate(pixels_of(MARKERS))]
     pixels[0] = pixels[0] + [0, 12]
     expected = expect_at(MARKERS[:1], 0.05)
@@ -278,18 +277,11 @@ def test_labels_do_not_depend_on_the_order_of_blobs():
         assert np.array_equal(back, plain.slot[camera])
 
 
-def half_seen(first: int):
-    """One marker between two that are expected, the one of which `first` cameras see, the other the rest of six."""
-    rig = ring_rig(6)
-    real = np.array([0.05, 0.1, 1.1])
-    expected = real + np.array([[0.03, 0, 0], [-0.03, 0, 0]])
-    seen = np.arange(6) < first
-    visible = np.stack([seen, ~seen], axis=1)
-    return consistent(label(pixels_of([real], rig), expect_at(expected, 0.03, visible, cameras=6), rig=rig))
-
-
 @pytest.mark.parametrize(("first", "found"), [(5, [False, True]), (1, [True, False]), (4, [False, False])])
 def test_a_single_ray_on_another_markers_point_is_a_double(first, found):
-    naming = half_seen(first)
+    """One marker between two that are expected, the one of which `first` cameras see, the other the rest of six."""
+    rig, real, seen = ring_rig(6), np.array([0.05, 0.1, 1.1]), np.arange(6) < first
+    expected = expect_at(real + np.array([[0.03, 0, 0], [-0.03, 0, 0]]), 0.03, np.stack([seen, ~seen], axis=1), 6)
+    naming = consistent(label(pixels_of([real], rig), expected, rig=rig))
     assert (naming.slot >= 0).sum(axis=0).tolist() == [first, 6 - first]
     assert np.array_equal(labelling.doubles(naming), (naming.slot >= 0) & found)

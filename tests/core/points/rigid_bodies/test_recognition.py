@@ -218,15 +218,6 @@ def test_a_recorded_walk_in_markers_on_the_skin_is_no_set_on_plates(shared_data,
     assert learn_rigid_bodies([points[:, np.isfinite(points[..., 0]).mean(axis=0) > 0.5]], RADIUS) is None
 
 
-@pytest.mark.parametrize("radius", [0.03, 0.1, 0.2])
-def test_what_is_apart_but_not_rigid_for_its_size_is_no_set_on_plates(radius):
-    """Of a small creature millimetres are a lot: without a group that is rigid there is no plate to know it by."""
-    rng = np.random.default_rng(4)
-    points = things(3, 4) + rng.normal(0, 0.002, (FRAMES, 12, 3))
-    rigid_bodies = learn_rigid_bodies([points], radius)
-    assert rigid_bodies is None or rigid_bodies.members
-
-
 FIRST_FRAME = 100
 
 

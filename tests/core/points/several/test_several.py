@@ -14,6 +14,7 @@ from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points
 from addon.core.geometry.rotations import exponential, rotation_vector
+from addon.core.geometry.upright import turned
 from addon.core.points.motion import motion_of
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
@@ -43,12 +44,10 @@ SURE = PointOptions("likelihood", 0.99)
 def person(seed: int, way: int, lane: float) -> np.ndarray:
     """(T, 15, 3) m: a virtual person in gait15 who walks along x, or the other way, and is at x = 0 in the middle."""
     markers = walker("gait15", seed, [Act(FRAMES / RATE)])[:FRAMES]
-    middle = markers[..., :2].mean(axis=1)
+    middle = markers.mean(axis=1) * [1, 1, 0]
     along = middle[-1] - middle[0]
     turn = -np.arctan2(along[1], along[0]) + (np.pi if way < 0 else 0)
-    cos, sin = np.cos(turn), np.sin(turn)
-    flat = (markers[..., :2] - middle[FRAMES // 2]) @ np.array([[cos, sin], [-sin, cos]]) + [0, lane]
-    return np.concatenate([flat, markers[..., 2:]], axis=2)
+    return turned(markers - middle[FRAMES // 2], np.full(FRAMES, turn)) + np.array([0, lane, 0])
 
 
 def shown(people: list[np.ndarray]) -> tuple[Points, np.ndarray]:
@@ -238,7 +237,6 @@ def test_a_full_disk_is_told_and_is_not_that_nobody_is_there(passing, tables):
 
 @pytest.mark.parametrize("count", [2, AUTO])
 def test_two_who_stand_still_for_long_are_as_sure_as_for_a_moment(count):
-    """Nobody learns more of a distance that nothing happens to."""
     poses = [person(seed, 1, 0.0)[:1] for seed in (1, 2)]
     poses = [one - one.mean(axis=1, keepdims=True) * [1, 1, 0] for one in poses]
     still = np.concatenate([poses[0], poses[1] + [0, 1.0, 0]], axis=1)
