@@ -223,21 +223,19 @@ def test_words_that_are_not_of_this_take_are_refused(one, said):
 
 
 # Blobs: two cameras, two frames from 20 on.
-@pytest.fixture(scope="module")
-def markerset():
-    return open_markerset("gait15")
+WORN = open_markerset("gait15")
 
 
 @pytest.fixture
-def cells(markerset):
+def cells():
     xy = np.array([[10, 10], [20, 20], [10, 10], [30, 30], [11, 10], [21, 20]], float)
     frame, camera = np.array([0, 0, 0, 0, 1, 1]), np.array([0, 0, 1, 1, 0, 0])
     blobs = Blobs(np.array([20, 21]), frame, camera, xy, np.full(6, np.nan))
-    return applying.cells_of_blobs(blobs, ("cam1", "cam2"), markerset.by_name, len(markerset))
+    return applying.cells_of_blobs(blobs, ("cam1", "cam2"), WORN.by_name, len(WORN))
 
 
-def test_a_blob_is_found_again_within_two_pixels_and_markers_are_of_all_images_of_their_frames(cells, markerset):
-    sacrum, hip = markerset.markers[:2]
+def test_a_blob_is_found_again_within_two_pixels_and_markers_are_of_all_images_of_their_frames(cells):
+    sacrum, hip = WORN.markers[:2]
     labels = named(np.array([0, 1, 0, 1, 0, 1]))
     said = Edits((kinds.AssignBlob("cam1", 20, 18.5, 20.0, sacrum), kinds.AssignBlob("cam2", 20, 13.0, 10.0, hip)))
     done = apply_edits(labels, said.added(kinds.AssignBlob("cam2", 21, 0, 0, hip)), cells)

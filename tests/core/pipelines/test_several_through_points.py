@@ -10,7 +10,6 @@ from addon.core.blobs.pipeline import label_take
 from addon.core.data.errors import InputError, JobError
 from addon.core.data.takes import Blobs
 from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
-from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.fitted_subjects import FollowedSubjects
 from addon.core.pipelines.others import OtherSubjects, refuse_two
@@ -19,7 +18,6 @@ from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
-from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, RATE, label, names_of, shot_of, truth_of
 from tests.core.scenes import abreast, cut, parts_of
@@ -190,58 +188,53 @@ def test_bodies_follow_who_is_said_to_be_the_other(shot, found, labelled):
 QUIET = CaptureOptions(seed=3)
 
 
-@pytest.fixture(scope="module")
-def cameras():
-    return ring_rig(8, (1280, 1024), 4.0, 2.2, 1.6)
-
-
-def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureOptions = QUIET) -> Blobs:
+def blobs_of(model, people: tuple[int, ...], options: CaptureOptions = QUIET) -> Blobs:
     """What cameras see of people, by their seeds, who walk side by side, 0.8 m apart."""
-    return abreast(model.markerset, people, FRAMES, RATE, 0.8, cameras, options).blobs
+    return abreast(model.markerset, people, FRAMES, RATE, 0.8, CAMERAS, options).blobs
 
 
-def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
+def looked_at(blobs: Blobs, model) -> OtherSubjects:
     """A take that was labelled as one subject's, and looked at."""
-    others = OtherSubjects(cameras, model)
+    others = OtherSubjects(CAMERAS, model)
     parts = cut(blobs, CHUNK)
-    for part, chunk in zip(parts, label_take(parts, cameras, model.markerset, RATE), strict=True):
+    for part, chunk in zip(parts, label_take(parts, CAMERAS, model.markerset, RATE), strict=True):
         others.add(part, chunk)
     return others
 
 
-def test_two_are_told_before_any_of_the_take_is_named(model, cameras):
+def test_two_are_told_before_any_of_the_take_is_named(model):
     with pytest.raises(SubjectsError, match=r"two subjects or more that wear gait15"):
-        refuse_two(lambda: cut(blobs_of(model, cameras, (1, 2)), CHUNK), cameras, model)
+        refuse_two(lambda: cut(blobs_of(model, (1, 2)), CHUNK), CAMERAS, model)
 
 
 @pytest.mark.parametrize(("reflections", "read"), [(2, 1), (30, 2)])
-def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model, cameras, reflections, read):
-    parts, begun = cut(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections)), CHUNK), []
+def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model, reflections, read):
+    parts, begun = cut(blobs_of(model, (1,), replace(QUIET, reflections=reflections)), CHUNK), []
 
     def reading():
         begun.append(1)
         return iter(parts)
 
-    refuse_two(reading, cameras, model)
+    refuse_two(reading, CAMERAS, model)
     assert len(begun) <= read
 
 
-def test_who_leaves_soon_is_not_told_before(model, cameras):
-    both, alone = blobs_of(model, cameras, (1, 2)), blobs_of(model, cameras, (1,))
+def test_who_leaves_soon_is_not_told_before(model):
+    both, alone = blobs_of(model, (1, 2)), blobs_of(model, (1,))
     early = Blobs.join([both.between(1, 10), alone.between(11, FRAMES)])
-    refuse_two(lambda: cut(early, CHUNK), cameras, model)
+    refuse_two(lambda: cut(early, CHUNK), CAMERAS, model)
 
 
 @pytest.mark.parametrize("reflections", [2, 30])
-def test_one_among_ghosts_is_not(model, cameras, reflections):
-    others = looked_at(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections)), cameras, model)
+def test_one_among_ghosts_is_not(model, reflections):
+    others = looked_at(blobs_of(model, (1,), replace(QUIET, reflections=reflections)), model)
     assert bool([one for one in others.kept if one is not None]) == (reflections == 30)
     others.refuse()
 
 
-def test_who_is_beside_for_a_moment_is_not(model, cameras):
-    both, alone = blobs_of(model, cameras, (1, 2)), blobs_of(model, cameras, (1,))
+def test_who_is_beside_for_a_moment_is_not(model):
+    both, alone = blobs_of(model, (1, 2)), blobs_of(model, (1,))
     late = Blobs.join([alone.between(1, 30), both.between(31, FRAMES)])
-    others = looked_at(late, cameras, model)
+    others = looked_at(late, model)
     assert any(one is not None for one in others.kept)
     others.refuse()

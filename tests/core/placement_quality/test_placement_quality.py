@@ -95,16 +95,11 @@ def test_an_edited_set_keeps_what_was_learned_of_its_base():
     assert np.linalg.norm(found.shape.mean[-1] - drawn.shape.mean[5]) == pytest.approx(0.017 * 3**0.5, rel=0.1)
 
 
-@pytest.fixture(scope="module")
-def crowded() -> MarkerLayout:
-    """The thigh's marker sits too near to the knee's."""
+def test_advice_makes_the_worst_pair_clearer_and_nothing_worse():
+    """Where the thigh's marker sits too near to the knee's."""
     toy = toy_markerset()
-    offsets = toy.offsets.copy()
-    offsets[toy.markers.index("LTHI")] = [0.0, 0.047, -0.22]
-    return marker_layout(replace(toy, offsets=offsets))
-
-
-def test_advice_makes_the_worst_pair_clearer_and_nothing_worse(crowded):
+    toy.offsets[toy.index("LTHI")] = [0.0, 0.047, -0.22]
+    crowded = marker_layout(toy)
     before = judge(crowded)
     assert {before.markers[index] for index in before.worst()[0]} == {"LTHI", "LKNE"}
     [(advice, after)] = advise(crowded, goal=5, steps=1, keep=["LKNE"])

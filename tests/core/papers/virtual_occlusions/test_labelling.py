@@ -133,8 +133,7 @@ def test_conflict_case_two_is_decided_by_the_point_nearest_to_the_model():
 def test_conflict_case_three_is_decided_by_the_nearest_blob():
     """A18: no other camera knows the marker: the blob nearest to the model's projection, where that is clear."""
     point = np.array([[0.0, 0.0, 1.0]])
-    pixels = [np.zeros((0, 2))] * 4
-    pixels[0] = pixels_of(point)[0] + np.array([[0, 0], [0, 11]])
+    pixels = [pixels_of(point)[0] + np.array([[0, 0], [0, 11]]), *[np.zeros((0, 2))] * 3]
     naming = consistent(label(pixels, expect_at(point, 0.02)))
     assert naming.slot[:, 0].tolist() == [0, -1, -1, -1] and naming.step[0, 0] == CONFLICT
     assert naming.owner[0].tolist() == [0, -1]
@@ -143,8 +142,7 @@ def test_conflict_case_three_is_decided_by_the_nearest_blob():
 def test_conflict_case_three_names_nothing_when_two_blobs_are_as_near():
     """A18, A28: conservative: where nearest means nothing, no name."""
     point = np.array([[0.0, 0.0, 1.0]])
-    pixels = [np.zeros((0, 2))] * 4
-    pixels[0] = pixels_of(point)[0] + np.array([[0, 5], [0, -5.2]])
+    pixels = [pixels_of(point)[0] + np.array([[0, 5], [0, -5.2]]), *[np.zeros((0, 2))] * 3]
     assert (consistent(label(pixels, expect_at(point, 0.02))).slot == -1).all()
 
 

@@ -33,7 +33,7 @@ from addon.core.simulation.virtual import Act, draw_person
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.models import open_model
-from tests.core.scenes import RATE, anonymous, walker
+from tests.core.scenes import RATE, anonymous, in_pieces, walker
 from tests.inputs.worn import with_fingers
 
 FRAMES = 100
@@ -52,17 +52,8 @@ def person(seed: int, way: int, lane: float) -> np.ndarray:
 
 def shown(people: list[np.ndarray]) -> tuple[Points, np.ndarray]:
     """A take of people (T, 15, 3) m with a trajectory for each time that a marker is there; and whose marker it is."""
-    columns, truth = [], []
-    for index, whole in enumerate(people):
-        for marker in range(whole.shape[1]):
-            seen = np.flatnonzero(np.isfinite(whole[:, marker, 0]))
-            for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
-                columns.append(np.full((len(whole), 3), np.nan))
-                columns[-1][part] = whole[part, marker]
-                truth.append(marker + whole.shape[1] * index)
-    order = np.random.default_rng(3).permutation(len(columns))
-    xyz = np.stack(columns, axis=1)[:, order]
-    return anonymous(xyz), np.array(truth)[order]
+    xyz, truth = in_pieces(np.concatenate(people, axis=1), np.random.default_rng(3))
+    return anonymous(xyz), truth
 
 
 @pytest.fixture(scope="module")

@@ -23,6 +23,7 @@ from addon.core.points.whole_take.rulings import Rulings
 from addon.core.points.whole_take.search import Search
 from addon.core.points.whole_take.solving import Solution, solve_take
 from addon.core.points.whole_take.tracklets import Tracklets, seen_in, tracklets_of
+from tests.core.scenes import in_pieces
 
 RATE = 100.0
 FRAMES = 300
@@ -37,16 +38,7 @@ def pieces(markers: np.ndarray, seed: int = 1, hidden: int = 3) -> tuple[np.ndar
     for first in range(0, len(markers), BURST):
         gone = rng.choice(markers.shape[1], rng.integers(0, hidden + 1), replace=False)
         markers[first : first + BURST, gone] = np.nan
-    tracks, whose = [], []
-    for marker in range(markers.shape[1]):
-        seen = np.isfinite(markers[:, marker, 0]).astype(int)
-        for first, after in np.flatnonzero(np.diff(np.r_[0, seen, 0])).reshape(-1, 2):
-            track = np.full((len(markers), 3), np.nan)
-            track[first:after] = markers[first:after, marker]
-            tracks.append(track)
-            whose.append(marker)
-    order = rng.permutation(len(tracks))
-    return np.stack(tracks, axis=1)[:, order], np.array(whose)[order]
+    return in_pieces(markers, rng)
 
 
 def said(points: np.ndarray, whose: np.ndarray, where: np.ndarray | bool, confidence: float = 0.97) -> Labels:
