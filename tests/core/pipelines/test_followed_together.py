@@ -2,7 +2,7 @@
 """Blobs of two people named by their bodies: as well as by points, who is who in either way, and what a person said."""
 
 from contextlib import ExitStack
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -250,19 +250,14 @@ def test_a_chunk_in_a_room_is_what_it_was_and_not_held(shot, found):
         kept = followed_together.ChunkInRoom.of(replace(chunk, unedited=chunk.labels), Room(stack, 0))
         assert all(isinstance(table, FileTable) for table in (kept.labels, kept.motion, kept.unedited))
         again = kept.read()
-    for kind, one, other in (
-        (Labels, chunk.labels, again.labels),
-        (Labels, chunk.labels, again.unedited),
-        (Motion, chunk.motion, again.motion),
-    ):
-        for field in fields(kind):
-            before, now = getattr(one, field.name), getattr(other, field.name)
+    for one, other in ((chunk.labels, again.labels), (chunk.labels, again.unedited), (chunk.motion, again.motion)):
+        for name, before in vars(one).items():
+            now = getattr(other, name)
             assert (now is None) == (before is None)
             if before is not None:
                 np.testing.assert_allclose(now, before, rtol=0, atol=1e-5)
-    nothing = replace(
-        chunk, labels=Labels.none(0), motion=Motion(**{name: one[:0] for name, one in vars(chunk.motion).items()})
-    )
+    gone = Motion(**{name: one[:0] for name, one in vars(chunk.motion).items()})
+    nothing = replace(chunk, labels=Labels.none(0), motion=gone)
     assert len(followed_together.ChunkInRoom.of(nothing, Room(ExitStack(), 0)).read().labels.marker) == 0
 
 

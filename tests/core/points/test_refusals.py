@@ -12,7 +12,6 @@ from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
-from addon.core.geometry.upright import turned
 from addon.core.points import refusals, unordered
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.learn import Trial, learn_likelihood, make_trial
@@ -41,18 +40,14 @@ def person(seed: int, at=(0.0, 0.0)) -> np.ndarray:
 
 def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
     """(T, 12, 3) m: three rigid plates of four markers that turn about each other."""
-    shape, chance = np.random.default_rng(form), np.random.default_rng(seed)
-    time = np.arange(frames)[:, None] / 50
-    parts = []
-    for rigid_body in range(PLATES):
+    shape, time, parts = np.random.default_rng(form), np.arange(frames)[:, None] / 50, []
+    for plate in range(PLATES):
         flat = shape.uniform(-0.12, 0.12, (4, 3))
-        swing = rotations.exponential(
-            np.column_stack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + rigid_body), time])
-        )[0]
-        place = np.array([0.35 * rigid_body - 0.35, 0, 0.5 + 0.3 * rigid_body])
-        parts.append(np.einsum("fij,mj->fmi", swing, flat) + place)
+        swing = np.hstack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + plate), time])
+        at = np.array([0.35 * plate - 0.35, 0, 0.5 + 0.3 * plate])
+        parts.append(np.einsum("fij,mj->fmi", rotations.exponential(swing)[0], flat) + at)
     whole = np.concatenate(parts, axis=1)
-    return whole + chance.normal(0, 0.0004, whole.shape)
+    return whole + np.random.default_rng(seed).normal(0, 0.0004, whole.shape)
 
 
 @pytest.fixture(scope="module")
@@ -185,9 +180,10 @@ def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model
 @settings(max_examples=12)
 @given(st.sampled_from([1000.0, 100.0, 39.37, 25.4, 10.0, 2.54]), st.booleans(), st.integers(-180, 180))
 def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
-    taken = turned(walk, np.full(len(walk), np.deg2rad(turn)))
+    angle = np.deg2rad(turn)
+    turned = walk @ np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     with pytest.raises(JobError, match=r"seems to be in .* and is taken for|has a unit that cannot be"):
-        labelled(taken / times if too_small else taken * times, RATE, model)
+        labelled(turned / times if too_small else turned * times, RATE, model)
 
 
 def test_the_unit_is_said_where_frames_are_sure_of_it_and_who_is_slow_can_be_at_any_rate(model, walk):

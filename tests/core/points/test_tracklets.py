@@ -238,14 +238,12 @@ def test_lanes_change_nothing_of_what_is_said(model, points, edited):
     assert both(points)[1].lanes.count < points.shape[1] / 2
     least = 0.4 if edited else 0.7  # these edits contradict what is seen
     assert (chunk.labels.marker != NO_MARKER).sum() > least * LENGTH * 15
-    for name in ("frame", "trajectory", "xyz", "residual"):
-        np.testing.assert_array_equal(getattr(rows, name), getattr(rows_too, name))
-    for name in ("marker", "step", "confidence"):
-        np.testing.assert_array_equal(getattr(chunk.labels, name), getattr(chunk_too.labels, name))
+    for one, other in ((rows, rows_too), (chunk.labels, chunk_too.labels)):
+        for name in vars(one):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for name in vars(chunk.motion):  # a mean over lanes differs in the last digit
         np.testing.assert_allclose(getattr(chunk.motion, name), getattr(chunk_too.motion, name), rtol=0, atol=1e-12)
-    assert chunk.suspects == chunk_too.suspects
-    assert chunk.outcomes == chunk_too.outcomes
+    assert (chunk.suspects, chunk.outcomes) == (chunk_too.suspects, chunk_too.outcomes)
     assert written.names == written_too.names
     np.testing.assert_array_equal(written.xyz[0:LENGTH], written_too.xyz[0:LENGTH])
     np.testing.assert_array_equal(written.residual[3], written_too.residual[3])

@@ -136,6 +136,12 @@ def test_a_quarter_dies(die_out, born):
         alive, told = survivors, len(asked)
 
 
+def test_the_genetic_search_repeats_itself_for_a_seed():
+    options = search.Genetics(population=16, generations=8)
+    assert run(options) == run(options)
+    assert run(options) != run(options, seed=1)
+
+
 def test_covering_takes_few_that_answer_most():
     hidden = np.array([0b0001, 0b0010, 0b0100, 0b1000])
     taken = list(search.covering([0b0011, 0b0110, 0b1111, 0b1001], lambda _: True, lambda _: (), hidden, 9, 0.0))[-1]
