@@ -10,7 +10,7 @@ side in eight made-up cameras on one side, from which one walks behind the other
 nothing of, are in the way of all markers.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -86,18 +86,23 @@ def moved(take: Take, turn: float, pivot: np.ndarray, place: np.ndarray) -> Take
     return replace(take, xyz=Move(turn, np.append(pivot, 0.0), np.append(place, 0.0))(take.xyz))
 
 
-def passing(takes: list[Take], lanes: list[float], ways: list[int]) -> tuple[Take, ...]:
-    """Walkers along x, each in a lane (y, m), some the other way (-1): all are at x = 0 in the middle of the take."""
+def passing(takes: Sequence[Take], apart: float = PASSING_M, one_way: bool = False) -> tuple[Take, ...]:
+    """Walkers along x in lanes so far apart, m, every other the other way: all at x = 0 in the middle of the take."""
     frames = min(len(one.xyz) for one in takes)
     found = []
-    for take, lane, way in zip(takes, lanes, ways, strict=True):
+    for index, take in enumerate(takes):
         spare = len(take.xyz) - frames
         one = replace(take, xyz=take.xyz[spare // 2 : spare // 2 + frames])
         path = middle_of(one.xyz)
         along = path[-1] - path[0]
-        turn = -np.arctan2(along[1], along[0]) + (np.pi if way < 0 else 0.0)
-        found.append(moved(one, turn, path[frames // 2], np.array([0.0, lane])))
+        turn = -np.arctan2(along[1], along[0]) + (0.0 if one_way or index % 2 == 0 else np.pi)
+        found.append(moved(one, turn, path[frames // 2], np.array([0.0, apart * index])))
     return tuple(found)
+
+
+def names_of(people: Iterable[Take]) -> str:
+    """Who is in a take, as it is called."""
+    return " ".join(one.subject for one in people)
 
 
 def walkers(count: int) -> Iterator[Meeting]:
@@ -106,18 +111,14 @@ def walkers(count: int) -> Iterator[Meeting]:
         groups = list(combinations(range(len(case.tested)), count))
         for group in groups[:: max(len(groups) // 5, 1)]:
             some = [case.tested[index] for index in group]
-            lanes = [PASSING_M * index for index in range(count)]
-            ways = [(-1) ** index for index in range(count)]
-            name = " ".join(one.subject for one in some)
-            yield Meeting(name, passing(some, lanes, ways), case)
+            yield Meeting(names_of(some), passing(some), case)
 
 
 def through() -> Iterator[Meeting]:
     """Walkers who meet in one lane, and pass through each other as far as their middles are apart."""
     for case in case_few("body26", BODY26, False):
         for pair in list(combinations(case.tested, 2))[::2]:
-            people = passing(list(pair), [0.0, THROUGH_M], [1, -1])
-            yield Meeting(" ".join(one.subject for one in pair), people, case)
+            yield Meeting(names_of(pair), passing(pair, THROUGH_M), case)
 
 
 def acting(apart: float) -> Iterator[Meeting]:
@@ -212,7 +213,7 @@ def standing(apart_m: float) -> Iterator[Meeting]:
                 whole = np.concatenate([both] * (int(STOOD_S * one.rate) // len(both)))
                 middle = np.median(middle_of(whole), axis=0)
                 people.append(moved(replace(one, xyz=whole), 0.0, middle, np.array([apart_m * index, 0.0])))
-            yield Meeting(" ".join(one.subject for one in pair), tuple(people), training)
+            yield Meeting(names_of(pair), tuple(people), training)
 
 
 def _stood(person: str) -> Take:
@@ -291,11 +292,9 @@ def known(asked: int, there: int = 2) -> Iterator[Meeting]:
     """Walkers passing, so many of whom are asked for by name: each learned from a turn of their own."""
     for case in case_few("body26", BODY26, False):
         for some in list(combinations(case.tested, there))[::2]:
-            people = passing(list(some), [PASSING_M * index for index in range(there)], [1, -1, 1][:there])
-            own = tuple(own_turn(one.subject) for one in people[:asked])
-            if None in own:
-                continue
-            yield Meeting(" ".join(one.subject for one in people), people, case, own)
+            own = tuple(own_turn(one.subject) for one in some[:asked])
+            if None not in own:
+                yield Meeting(names_of(some), passing(some), case, own)
 
 
 MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
@@ -362,9 +361,7 @@ def meetings(kind: str) -> Iterator[Meeting]:
         count = 3 if kind == "three" else 2
         for first in range(len(case.tested) - count + 1):
             some = [at_rate(one, RATE) for one in case.tested[first : first + count]]
-            lanes = [PASSING_M * index for index in range(count)]
-            ways = [(-1) ** index if kind in ("passing", "three") else 1 for index in range(count)]
-            yield Meeting(" ".join(one.subject for one in some), passing(some, lanes, ways), case)
+            yield Meeting(names_of(some), passing(some, one_way=kind not in ("passing", "three")), case)
 
 
 def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:

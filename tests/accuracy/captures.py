@@ -11,6 +11,7 @@ from addon.core.geometry.cameras import Cameras
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture
 from addon.io.cameras import read_cameras
+from addon.io.points import read_points
 from tests.core.scenes import joined
 
 from . import people
@@ -44,7 +45,7 @@ def walking(markers, persons, count, seed=0, options=None, room="vicon12", camer
         rig, xyz, move = _placed(take, markers, room, int(generator.integers(cameras[0], cameras[1] + 1)), generator)
         moved = moved_flesh(body, slice(None), move)
         seen = joined(capture(xyz, markers, rig, replace(options, seed=int(generator.integers(2**31))), moved))
-        yield Trial(take.name, rig, seen.blobs, seen.truth, xyz, RATE)
+        yield Trial(take.name, rig, seen.blobs, seen.truth, RATE)
 
 
 def at_rate(take, rate: float):
@@ -90,8 +91,8 @@ def _seen(cameras: Cameras, xyz: np.ndarray) -> np.ndarray:
 @cache
 def room_middle() -> np.ndarray:
     """The middle of the walk that was recorded in the room, on the floor."""
-    _, walk, _ = people.read_c3d(ROOM / "walking_1.c3d")
-    return np.append(np.nanmean(walk, axis=(0, 1))[:2], 0.0)
+    walk = read_points(ROOM / "walking_1.c3d", everything=True, up="z")
+    return np.append(np.nanmean(walk.xyz[:], axis=(0, 1))[:2], 0.0)
 
 
 def standing(markers, persons, count: int, seed=0, options=None, cameras: int | None = None) -> Iterator[Trial]:
@@ -123,4 +124,4 @@ def captured(title: str, take: Take, body: Flesh, frame: int, move: Move, rig: C
     part = slice(frame, frame + 1)
     xyz, options = move(take.xyz[part]), replace(options, seed=int(generator.integers(2**31)))
     seen = joined(capture(xyz, take.markers, rig, options, moved_flesh(body, part, move)))
-    return Trial(title, rig, seen.blobs, seen.truth, xyz, take.rate)
+    return Trial(title, rig, seen.blobs, seen.truth, take.rate)

@@ -47,7 +47,7 @@ def trials() -> Iterator[tuple[str, people.Take, people.Take]]:
         take = worn(path)
         frame = fullest(take.part(0, max(len(take.xyz) // 3, 1)))
         yield path.stem, take.part(frame, frame + 1), take.part(frame + 1, frame + 1 + FRAMES)
-    for person in people.everyone():
+    for person in people.WALKERS:
         still, walk = (people.read(path, person).of(whole_takes.lab59()) for path in people.files_of(person)[:2])
         frame = fullest(still)
         yield f"{person}, standing", still.part(frame, frame + 1), walk

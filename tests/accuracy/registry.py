@@ -18,7 +18,9 @@ from time import process_time
 import numpy as np
 
 from addon.cli.evaluate import compare
+from addon.core.blobs.pipeline import label_take as label_blobs
 from addon.core.data.errors import JobError, UserError
+from addon.core.data.markersets import MarkerSet
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.evaluation.figures import Figures
@@ -33,7 +35,7 @@ from addon.io.points import read_points
 
 from . import actors, people, plates, real_blobs, strangers, whole_takes
 from .captures import standing, walking
-from .people import labelled, left_out_model
+from .people import left_out_model
 
 PEERS = people.DATA.parent / "tools" / "peers" / "strangers.py"
 STANDING = 40  # captures of one frame of each group of left-out people
@@ -77,7 +79,6 @@ class Outcome:
 class Trial:
     """One take of a case, ready to be labelled."""
 
-    case: str
     take: str
     label: Callable[[], Outcome]
 
@@ -128,17 +129,17 @@ def whole(name: str, keep: Path, parts: int | None = None) -> Iterator[Trial]:
         for seed, take in enumerate(tested):
             points, truth = whole_takes.anonymous(take, case, seed)
             title = f"{case.name} {take.subject}" + f" {seed}" * bool(parts)
-            yield Trial(name, title, partial(labelled_points, points, truth, model))
+            yield Trial(title, partial(labelled_points, points, truth, model))
 
 
 def on_plates(keep: Path) -> Iterator[Trial]:
     """Another take of who was learned from, in 62 markers on plates, cut in three ways."""
-    model = whole_takes.kept(keep / "plates.markerset.json", lambda: taught([plates.TRAINED]))
+    model = people.kept(keep / "plates.markerset.json", lambda: taught([plates.TRAINED]))
     take = read_points(plates.TESTED)
     for tracklets, hidden, ghosts in plates.CUTS:
         xyz, column = plates.cut_up(take.xyz, tracklets, hidden, ghosts, np.random.default_rng(plates.SEED))
         points, truth = whole_takes.without_names(xyz, take.rate), np.where(np.isfinite(xyz[..., 0]), column, -1)
-        yield Trial("plates", f"{tracklets} pieces", partial(labelled_points, points, truth, model))
+        yield Trial(f"{tracklets} pieces", partial(labelled_points, points, truth, model))
 
 
 def together(kind: str, keep: Path, most: int, auto: bool = False) -> Iterator[Trial]:
@@ -151,7 +152,7 @@ def together(kind: str, keep: Path, most: int, auto: bool = False) -> Iterator[T
             asked = SeveralOptions(subjects=tuple(Wearer(str(at), model) for at, model in enumerate(models)))
             truth = np.where(truth < sum(len(model.markerset) for model in models), truth, -1)
         title = "auto " * auto + meeting.name
-        yield Trial(f"several {kind}", title, partial(_several, points, truth, asked, len(meeting.people)))
+        yield Trial(title, partial(_several, points, truth, asked, len(meeting.people)))
 
 
 def _several(points: Points, truth: np.ndarray, asked: SeveralOptions, people_there: int) -> Outcome:
@@ -182,7 +183,7 @@ def together_in_images(kind: str, keep: Path, most: int, first_alone: bool = Fal
             own = np.array([true if "1:" in true else "" for true in shot.truth], object)
             shot, asked = replace(shot, truth=own), SeveralOptions(subjects=(Wearer("1", model),))
         count = 1 if first_alone else len(meeting.people)
-        yield Trial(f"blobs of several {kind}", meeting.name, partial(_several_in_images, shot, asked, count))
+        yield Trial(meeting.name, partial(_several_in_images, shot, asked, count))
 
 
 def _several_in_images(shot: actors.Seen, asked: SeveralOptions, count: int) -> Outcome:
@@ -195,12 +196,12 @@ def _several_in_images(shot: actors.Seen, asked: SeveralOptions, count: int) -> 
     return min(outcomes, key=lambda outcome: outcome.wrong.sum())
 
 
-def in_images(case: str, trials: Callable, name: str, count: int | None, **more) -> Iterator[Trial]:
+def in_images(trials: Callable, name: str, count: int | None, **more) -> Iterator[Trial]:
     """Captures of left-out people, as `trials(markers, people, count, seed, …)` makes them."""
     for fold in people.folds():
         markerset = left_out_model(name, fold)
         for trial in trials(markerset.markers, fold, count, **{"seed": 1, **more}):
-            yield Trial(case, trial.title, partial(_in_image, trial, markerset))
+            yield Trial(trial.title, partial(_in_image, trial, markerset))
 
 
 def of_strangers(name: str, count: int, chosen_on: bool = False) -> Iterator[Trial]:
@@ -208,11 +209,15 @@ def of_strangers(name: str, count: int, chosen_on: bool = False) -> Iterator[Tri
     for title, left_out, trials in strangers.cases(chosen_on, count):
         markerset = left_out_model(name, left_out)
         for trial in trials:
-            yield Trial("blobs strangers", f"{title} {trial.title}", partial(_in_image, trial, markerset))
+            yield Trial(f"{title} {trial.title}", partial(_in_image, trial, markerset))
 
 
-def _in_image(trial, markerset) -> Outcome:
-    names, refused, seconds = timed(lambda: labelled(markerset, trial), np.full(len(trial.blobs), "", object))
+def _in_image(trial: people.Trial, markerset: MarkerSet) -> Outcome:
+    def labelled() -> np.ndarray:
+        (chunk,) = label_blobs([trial.blobs], trial.cameras, markerset, trial.rate)
+        return np.array([*markerset.markers, ""], object)[chunk.labels.marker]
+
+    names, refused, seconds = timed(labelled, np.full(len(trial.blobs), "", object))
     return of_blobs(names, trial.truth, trial.blobs.frame, trial.rate, seconds, refused)
 
 
@@ -225,7 +230,7 @@ def recorded(keep: Path) -> Iterator[Trial]:
         real_blobs.learn(folder)
     for title, without in (("all cameras", ()), ("without the moved", real_blobs.MOVED)):
         files = real_blobs.recorded(folder / title.replace(" ", "-"), model, without)
-        yield Trial("real blobs", title, partial(_recorded, files, folder / "out"))
+        yield Trial(title, partial(_recorded, files, folder / "out"))
 
 
 def _recorded(files, out: Path) -> Outcome:
@@ -262,10 +267,10 @@ def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
             try:
                 write_model(first, taught(files))
             except UserError as error:
-                yield Trial(f"strangers {kind}", place.name, partial(_untaught, place, str(error)))
+                yield Trial(place.name, partial(_untaught, place, str(error)))
                 continue
         model = open_model("body39" if kind == "plugin_gait" else str(first))
-        yield Trial(f"strangers {kind}", place.name, partial(_of_other_lab, place, model))
+        yield Trial(place.name, partial(_of_other_lab, place, model))
 
 
 def taught(files: list[Path]) -> Model:
@@ -300,7 +305,7 @@ def of_parts(keep: Path) -> Iterator[Trial]:
         if trial.take != "btk_two_sets":
             place = keep / "strangers" / "plugin_gait" / trial.take
             for part, worn in parts.items():
-                yield Trial("strangers in part", f"{trial.take} {part}", partial(_of_other_lab, place, model, worn))
+                yield Trial(f"{trial.take} {part}", partial(_of_other_lab, place, model, worn))
 
 
 def as_recorded() -> Iterator[Trial]:
@@ -310,7 +315,7 @@ def as_recorded() -> Iterator[Trial]:
         there = np.isfinite(take.xyz[..., 0])
         truth = np.where(there, [model.markerset.index(name) for name in take.markers], -1)
         points = whole_takes.without_names(take.xyz, take.rate)
-        yield Trial("points as recorded", take.name, partial(labelled_points, points, truth, model))
+        yield Trial(take.name, partial(labelled_points, points, truth, model))
 
 
 def in_pieces() -> Iterator[Trial]:
@@ -319,7 +324,7 @@ def in_pieces() -> Iterator[Trial]:
     for take in strangers.in_body26():
         case = whole_takes.Case("", (), (take,), model.markerset.markers)
         points, truth = whole_takes.anonymous(take, case, 0)
-        yield Trial("strangers body26", take.name, partial(labelled_points, points, truth, model))
+        yield Trial(take.name, partial(labelled_points, points, truth, model))
 
 
 def _of_other_lab(place: Path, model: Model, worn: AbstractSet[str] | None = None) -> Outcome:
@@ -359,13 +364,11 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
         found[f"blobs of several {kind}"] = partial(together_in_images, kind, keep, 8)
     found["blobs of several passing, one asked for"] = partial(together_in_images, "passing", keep, 8, True)
     for name in ("gait15", "body26"):
-        found[f"blobs standing {name}"] = partial(in_images, f"blobs standing {name}", standing, name, STANDING)
+        found[f"blobs standing {name}"] = partial(in_images, standing, name, STANDING)
         for title, more in WALKED.items():
-            case = f"blobs walking{title} {name}"
-            found[case] = partial(in_images, case, walking, name, None, **more)
+            found[f"blobs walking{title} {name}"] = partial(in_images, walking, name, None, **more)
         for title, more in CURVES.items():
-            case = f"curve {title} {name}"
-            found[case] = partial(in_images, case, standing, name, CURVE, **more)
+            found[f"curve {title} {name}"] = partial(in_images, standing, name, CURVE, **more)
     found["blobs strangers"] = partial(of_strangers, "body26", DRAWS)
     found["strangers' frames that numbers were chosen on"] = partial(of_strangers, "body26", DRAWS, True)
     found["blobs real"] = partial(recorded, keep)
