@@ -15,7 +15,7 @@ from tests.accuracy.known_sets import serve
 from tests.accuracy.people import Take
 from tests.io.streams.servers import QtmServer, there_and_back
 
-from .room import in_window
+from .in_window import in_window
 
 COLUMNS = (
     "take", "frames a second", "redraws a second", "with a new frame", "ms of the processor a redraw",
