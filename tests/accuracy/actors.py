@@ -17,22 +17,20 @@ from itertools import combinations
 import numpy as np
 
 from addon.core.data.progress import finished
-from addon.core.data.takes import Blobs, Points
-from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
 from addon.core.pipelines.several_through_points import SeveralBlobs, label_several_blobs
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture
+from addon.core.simulation.simulate import BodiesTogether
 from addon.io.models import open_model
 from addon.io.points import read_points
-from tests.core.scenes import joined
+from tests.core.scenes import cut, parts_of
 
-from .captures import RATE, at_rate, best_way, vicon12
+from .captures import RATE, at_rate, best_way, captured, vicon12
 from .flesh import Move, flesh
-from .people import BODY26, PEOPLE, Take, files_of, read
-from .whole_takes import Case, Pieces, actors, case_few, cut_up
+from .people import BODY26, PEOPLE, Take, Trial, files_of, read
+from .whole_takes import Case, actors, case_few
 
 GHOSTS = 60
 HIDDEN_EACH = 5  # markers hidden at a time, for each person
@@ -324,32 +322,10 @@ MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
 }
 
 
-def pieces_of(meeting: Meeting, seed: int) -> tuple[Points, np.ndarray]:
-    """The take cut to pieces, and which marker of whom every point (T, P) is, -1 for none."""
-    take = meeting.together()
-    points, marker = cut_up(take, take.markers, Pieces(HIDDEN_EACH * len(meeting.people), GHOSTS), seed)
-    return points, np.where(points.present, marker, -1)
-
-
 CAMERAS = 8
 RING = 24  # of which eight that are next to each other are on one side, a third of the way round
 ONE_SIDE = ring_rig(RING, (1280, 1024), 4.5, 1.2, 1.8)
 CHUNK = 256
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What cameras saw of a meeting, with the true names of all blobs: 1:LASI, 2:LASI …, several joined with `|`."""
-
-    cameras: Cameras
-    blobs: Blobs
-    truth: np.ndarray
-
-    def chunks(self) -> Iterator[tuple[Blobs, float]]:
-        """The blobs chunk by chunk."""
-        first, last = int(self.blobs.frames[0]), int(self.blobs.frames[-1])
-        for start in range(first, last + 1, CHUNK):
-            yield self.blobs.between(start, min(start + CHUNK - 1, last)), (start - first) / (last + 1 - first)
 
 
 def meetings(kind: str) -> Iterator[Meeting]:
@@ -364,8 +340,8 @@ def meetings(kind: str) -> Iterator[Meeting]:
             yield Meeting(names_of(some), passing(some, one_way=kind not in ("passing", "three")), case)
 
 
-def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:
-    """The meeting in the room, or in front of eight cameras on `one_side`."""
+def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Trial:
+    """The meeting in the room, or in front of eight cameras on `one_side`; true names are 1:LASI, 2:LASI …"""
     generator = np.random.default_rng([17, seed])
     centre = np.append(np.mean([middle_of(one.xyz)[len(one.xyz) // 2] for one in meeting.people], axis=0), 0.0)
     if one_side:
@@ -377,16 +353,13 @@ def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:
         placed = [move(one.xyz) for one in meeting.people]
     bodies = tuple(flesh(one.markers, xyz) for one, xyz in zip(meeting.people, placed, strict=True))
     together = BodiesTogether(bodies, tuple(xyz.shape[1] for xyz in placed))
-    names = meeting.together().markers
-    options = replace(CaptureOptions(), seed=int(generator.integers(2**31)))
-    xyz = np.concatenate(placed, axis=1)
-    taken = joined(capture(xyz, names, cameras, options, together))
-    return Seen(cameras, taken.blobs, taken.truth)
+    xyz, markers = np.concatenate(placed, axis=1), meeting.together().markers
+    return captured(meeting.name, xyz, markers, cameras, together, RATE, generator)
 
 
-def named(shot: Seen, asked: SeveralOptions) -> np.ndarray:
+def named(shot: Trial, asked: SeveralOptions) -> np.ndarray:
     """(N,) the names that the product gives to the blobs, "" for none."""
-    take = SeveralBlobs(shot.chunks, shot.cameras, asked, PointOptions("likelihood"), RATE)
+    take = SeveralBlobs(lambda: parts_of(shot.blobs, CHUNK), shot.cameras, asked, PointOptions("likelihood"), shot.rate)
     made = finished(label_several_blobs(take))
-    marker = np.concatenate([chunk.labels.marker for chunk in made.chunks(part for part, _ in shot.chunks())])
+    marker = np.concatenate([chunk.labels.marker for chunk in made.chunks(cut(shot.blobs, CHUNK))])
     return np.array([*made.worn.markers, ""], object)[marker]

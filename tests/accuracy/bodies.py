@@ -251,34 +251,29 @@ def toes_off() -> Iterator[list[str]]:
     """
     markerset = finer(open_model("body26").markerset)
     segments = markerset.skeleton.segments
-    off: dict[str, list[np.ndarray]] = {"foot": [], "toes": []}
-    pitched: dict[str, list[float]] = {"foot": [], "toes": [], "marker": []}
+    off: dict[str, list[np.ndarray]] = {"foot": [], "toes": [], "marker": []}
+    pitched: dict[str, list[float]] = {part: [] for part in off}
     for person in people.WALKERS:
         walk = people.read(people.files_of(person)[people.KINDS.index("walk")], person)
         fitted = posed(walk, markerset)
         shown = on_ground(fitted, markerset, build_of(markerset, fitted), walk.rate)
         for side in (side for side in "LR" if plants(walk, side)):
             way = walk.pick([f"{side}HLX"])[:, 0] - shown.joints[:, segments.index(f"toes.{side}")]
-            span, near = round(NEAR_S * walk.rate), set()
-            turns = {part: shown.rotations[:, segments.index(f"{part}.{side}")] for part in off}
-            flat = np.concatenate([np.arange(first, first + (end - first) // 3) for first, end in plants(walk, side)])
+            span, near, flat = round(NEAR_S * walk.rate), np.zeros(len(way), bool), np.zeros(len(way), bool)
+            turns = {part: shown.rotations[:, segments.index(f"{part}.{side}")] for part in ("foot", "toes")}
             for first, end in plants(walk, side):
-                near |= set(range(max(first - span, 0), min(end + span, len(way))))
+                near[max(first - span, 0) : end + span] = flat[first : first + (end - first) // 3] = True
                 ahead = turns["foot"][(first + end) // 2, :2, 0]
                 for part, ways in ({part: turn[..., 0] for part, turn in turns.items()} | {"marker": way}).items():
                     pitched[part].append(largest_pitch(ways[end : end + span], ahead))
-            for part, gone in off.items():
-                place = np.nanmedian(carried(turns[part].swapaxes(1, 2), way)[flat], axis=0)
-                gone.append(1000 * (carried(turns[part], place) - way)[sorted(near)])
+            for part, turn in turns.items():
+                place = np.nanmedian(carried(turn.swapaxes(1, 2), way)[flat], axis=0)
+                off[part].append(1000 * (carried(turn, place) - way)[near])
+            off["marker"].append(np.zeros((1, 3)))
     for title, part in (("as the foot", "foot"), ("shown", "toes"), ("the marker", "marker")):
-        row = [title]
-        if part in off:
-            gone = np.concatenate(off[part])
-            for values in (np.abs(gone[:, 2]), np.linalg.norm(gone, axis=1)):
-                row += [f"{value:.1f}" for value in np.nanquantile(values, (0.5, 0.9, 0.99))]
-        else:
-            row += 6 * ["0.0"]
-        yield [*row, f"{np.nanmedian(pitched[part]):.1f}"]
+        gone = np.concatenate(off[part])
+        values = np.nanquantile([np.abs(gone[:, 2]), np.linalg.norm(gone, axis=1)], (0.5, 0.9, 0.99), axis=1)
+        yield [title, *(f"{value:.1f}" for value in values.T.ravel()), f"{np.nanmedian(pitched[part]):.1f}"]
 
 
 def largest_pitch(ways: np.ndarray, ahead: np.ndarray) -> float:

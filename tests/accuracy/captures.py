@@ -37,15 +37,12 @@ def walking(markers, persons, count, seed=0, options=None, room="vicon12", camer
     They are every walk and turn of `persons` in turn; None: each once.
     """
     recordings = people.takes(persons, "walk", "turn")
-    options = options or CaptureOptions()
     for number in range(len(recordings) if count is None else count):
         generator = np.random.default_rng([seed, number])
         take = at_rate(recordings[number % len(recordings)], RATE)
         body = flesh(take.markers, take.xyz)
         rig, xyz, move = _placed(take, markers, room, int(generator.integers(cameras[0], cameras[1] + 1)), generator)
-        moved = moved_flesh(body, slice(None), move)
-        seen = joined(capture(xyz, markers, rig, replace(options, seed=int(generator.integers(2**31))), moved))
-        yield Trial(take.name, rig, seen.blobs, seen.truth, RATE)
+        yield captured(take.name, xyz, markers, rig, moved_flesh(body, slice(None), move), RATE, generator, options)
 
 
 def at_rate(take, rate: float):
@@ -110,7 +107,7 @@ def standing(markers, persons, count: int, seed=0, options=None, cameras: int | 
         rig = paper_rig(generator) if cameras is None else ring_rig(cameras, generator=generator)
         title = f"{take.subject} frame {frame} trial {number} of seed {seed}"
         worn = replace(take, markers=markers, xyz=take.pick(markers))
-        yield captured(title, worn, body, frame, move, rig, generator, options or CaptureOptions())
+        yield captured_frame(title, worn, body, frame, move, rig, generator, options)
 
 
 def moved_anywhere(middle: np.ndarray, generator: np.random.Generator) -> Move:
@@ -119,9 +116,17 @@ def moved_anywhere(middle: np.ndarray, generator: np.random.Generator) -> Move:
     return Move(yaw, middle, np.append(place, 0.0))
 
 
-def captured(title: str, take: Take, body: Flesh, frame: int, move: Move, rig: Cameras, generator, options) -> Trial:
+def captured_frame(
+    title: str, take: Take, body: Flesh, frame: int, move: Move, rig: Cameras, generator, options=None
+) -> Trial:
     """What cameras see of a take's frame."""
     part = slice(frame, frame + 1)
-    xyz, options = move(take.xyz[part]), replace(options, seed=int(generator.integers(2**31)))
-    seen = joined(capture(xyz, take.markers, rig, options, moved_flesh(body, part, move)))
-    return Trial(title, rig, seen.blobs, seen.truth, take.rate)
+    moved = moved_flesh(body, part, move)
+    return captured(title, move(take.xyz[part]), take.markers, rig, moved, take.rate, generator, options)
+
+
+def captured(title: str, xyz: np.ndarray, names, rig: Cameras, body, rate: float, generator, options=None) -> Trial:
+    """What cameras see of markers (T, M, 3) m and of the bodies in their way."""
+    options = replace(options or CaptureOptions(), seed=int(generator.integers(2**31)))
+    seen = joined(capture(xyz, names, rig, options, body))
+    return Trial(title, rig, seen.blobs, seen.truth, rate)

@@ -72,7 +72,7 @@ def cuts(xyz: np.ndarray, length: int, count: int, at_once: int) -> Iterator[Cut
             yield Cut(tuple(near[:at_once]), start, start + length)
 
 
-def kalman(take: KnownMarkers, gap: Gap) -> np.ndarray:
+def kalman(take: KnownMarkers, gap: Gap, *_) -> np.ndarray:
     """Low-rank Kalman smoothing (Burke and Lasenby 2016): weights of components walk at random; (L, 3) m."""
     side = 60
     part = slice(max(gap.start - side, 0), gap.stop + side)
@@ -103,14 +103,10 @@ def kalman(take: KnownMarkers, gap: Gap) -> np.ndarray:
     return told[gap.start - part.start : gap.stop - part.start]
 
 
-def peer(name: str, take: KnownMarkers, gap: Gap) -> np.ndarray | None:
-    """What a usual method makes of a gap, (L, 3) m."""
-    own = take.known[:, gap.marker]
-    ways = {"cubic spline": plain.spline, "rigid, 4 neighbours": plain.rigid, "PCA, joined ends": plain.pca}
-    return kalman(take, gap) if name == "low-rank Kalman" else ways[name](take, gap, neighbours_of(take, gap, own), own)
-
-
-PEERS = ("cubic spline", "rigid, 4 neighbours", "PCA, joined ends", "low-rank Kalman")
+PEERS = {
+    "cubic spline": plain.spline, "rigid, 4 neighbours": plain.rigid, "PCA, joined ends": plain.pca,
+    "low-rank Kalman": kalman,
+}  # fmt: skip
 
 
 def errors(xyz: np.ndarray, rate: float, cut: Cut) -> dict[str, float]:
@@ -120,9 +116,10 @@ def errors(xyz: np.ndarray, rate: float, cut: Cut) -> dict[str, float]:
     truth, found = xyz[cut.start : cut.stop], {name: [] for name in (*PEERS, "auto", "expected")}
     take = KnownMarkers(hidden)
     for marker in columns:
-        gap = Gap(cut.start, cut.stop, marker)
-        for name in PEERS:
-            path = peer(name, take, gap)
+        gap, own = Gap(cut.start, cut.stop, marker), take.known[:, marker]
+        near = neighbours_of(take, gap, own)
+        for name, peer in PEERS.items():
+            path = peer(take, gap, near, own)
             found[name].append(np.nan if path is None else _off(path, truth[:, marker]))
     # The error is asked for whatever is to be expected, and the take's own gaps in other markers stay.
     options = FillOptions(markers=tuple(columns), max_gap=len(truth), max_off_m=np.inf)

@@ -89,9 +89,8 @@ def main():
         worn = tuple(marker for marker in model.markerset.markers if marker in take.markers)
         shown = take.of(worn).part(0, FRAMES)
         shown = replace(shown, xyz=shown.xyz[np.isfinite(shown.xyz[..., 0]).sum(axis=1) * 2 >= len(worn)])
-        case = whole_takes.Case(name, (), (shown,), model.markerset.markers)
         with threadpool_limits(1, user_api="blas"):
-            outcome = labelled_points(*whole_takes.anonymous(shown, case, 0), model)
+            outcome = labelled_points(*whole_takes.anonymous(shown, model.markerset.markers), model)
         rows.append([name, take.subject, f"{len(worn)} of {len(model.markerset)}", *shares(counts_of(outcome))])
         print(*rows[-1], outcome.refused, file=sys.stderr, flush=True)
     print(markdown(["layout", "take", "markers worn", "labels", "right", "wrong"], rows))

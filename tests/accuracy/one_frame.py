@@ -66,7 +66,6 @@ def main():
         there = np.isfinite(frame.xyz[0, :, 0])
         markers = tuple(marker for marker, seen in zip(frame.markers, there, strict=True) if seen)
         shown = tested.of(markers)
-        case = whole_takes.Case(name, (), (shown,), markers)
         with threadpool_limits(1, user_api="blas"):
             try:
                 known = LabelledTake("frame", "somebody", markers, frame.of(markers).xyz)
@@ -74,7 +73,7 @@ def main():
             except UserError as error:
                 rows.append([name, str(len(markers)), "", "not learned", str(error)])
                 continue
-            outcome = labelled_points(*whole_takes.anonymous(shown, case, 0), model)
+            outcome = labelled_points(*whole_takes.anonymous(shown, markers), model)
         counts = counts_of(outcome)
         total += counts
         rows.append([name, str(len(markers)), *shares(counts)])

@@ -127,7 +127,7 @@ def whole(name: str, keep: Path, parts: int | None = None) -> Iterator[Trial]:
         model = whole_takes.model_of(case, keep)
         tested = whole_takes.in_parts(case, parts).tested if parts else case.tested
         for seed, take in enumerate(tested):
-            points, truth = whole_takes.anonymous(take, case, seed)
+            points, truth = whole_takes.anonymous(take, case.markers, case.how, seed)
             title = f"{case.name} {take.subject}" + f" {seed}" * bool(parts)
             yield Trial(title, partial(labelled_points, points, truth, model))
 
@@ -145,7 +145,8 @@ def on_plates(keep: Path) -> Iterator[Trial]:
 def together(kind: str, keep: Path, most: int, auto: bool = False) -> Iterator[Trial]:
     """Several people in one take of points."""
     for seed, meeting in enumerate(islice(actors.MEETINGS[kind](), most)):
-        points, truth = actors.pieces_of(meeting, seed)
+        take, hidden = meeting.together(), actors.HIDDEN_EACH * len(meeting.people)
+        points, truth = whole_takes.anonymous(take, take.markers, whole_takes.Pieces(hidden, actors.GHOSTS), seed)
         models = [whole_takes.model_of(one, keep) for one in meeting.own or (meeting.training,)]
         asked = SeveralOptions(model=models[0], count=AUTO if auto else len(meeting.people))
         if meeting.own:
@@ -186,13 +187,13 @@ def together_in_images(kind: str, keep: Path, most: int, first_alone: bool = Fal
         yield Trial(meeting.name, partial(_several_in_images, shot, asked, count))
 
 
-def _several_in_images(shot: actors.Seen, asked: SeveralOptions, count: int) -> Outcome:
+def _several_in_images(shot: people.Trial, asked: SeveralOptions, count: int) -> Outcome:
     names, refused, seconds = timed(lambda: actors.named(shot, asked), np.full(len(shot.blobs), "", object))
     outcomes = []
     for order in permutations(range(1, count + 1)):
         called = {str(number): str(other) for number, other in enumerate(order, 1)}
         own = [called.get(n.partition(":")[0], "?") + ":" + n.partition(":")[2] if n else "" for n in names]
-        outcomes.append(of_blobs(own, shot.truth, shot.blobs.frame, actors.RATE, seconds, refused))
+        outcomes.append(of_blobs(own, shot.truth, shot.blobs.frame, shot.rate, seconds, refused))
     return min(outcomes, key=lambda outcome: outcome.wrong.sum())
 
 
@@ -235,23 +236,11 @@ def recorded(keep: Path) -> Iterator[Trial]:
 
 def _recorded(files, out: Path) -> Outcome:
     labels, seconds = real_blobs.labelled(files, out)
-    rows = _Rows()
-    compare(labels, files.truth, rows, real_blobs.TESTED)
-    return of_blobs(rows.names, rows.truth, np.array(rows.frame), files.rate, seconds)
-
-
-class _Rows(Figures):
-    """The rows that a comparison finds."""
-
-    def __init__(self):
-        super().__init__()
-        self.frame, self.names, self.truth = [], [], []
-
-    def add(self, frame, camera, given, truth, step=None):
-        """See `Figures.add`."""
-        self.frame += frame
-        self.names += given
-        self.truth += truth
+    rows, figures = [], Figures()
+    figures.add = lambda frame, camera, given, truth, step=None: rows.extend(zip(frame, given, truth, strict=True))
+    compare(labels, files.truth, figures, real_blobs.TESTED)
+    frame, names, truth = zip(*rows, strict=True)
+    return of_blobs(names, truth, np.array(frame), files.rate, seconds)
 
 
 def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
@@ -322,8 +311,7 @@ def in_pieces() -> Iterator[Trial]:
     """The same takes, cut to pieces among ghosts."""
     model = open_model("body26")
     for take in strangers.in_body26():
-        case = whole_takes.Case("", (), (take,), model.markerset.markers)
-        points, truth = whole_takes.anonymous(take, case, 0)
+        points, truth = whole_takes.anonymous(take, model.markerset.markers)
         yield Trial(take.name, partial(labelled_points, points, truth, model))
 
 

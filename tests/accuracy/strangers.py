@@ -12,10 +12,9 @@ import numpy as np
 
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.rigs import paper_rig
-from addon.core.simulation.simulate import CaptureOptions
 
 from . import people
-from .captures import captured, moved_anywhere
+from .captures import captured_frame, moved_anywhere
 from .flesh import Flesh, flesh
 from .people import Trial
 
@@ -108,7 +107,7 @@ def _captured(take: people.Take, body: Flesh, frame: int, generator: np.random.G
     xyz = take.xyz[frame]
     middle = np.append(np.nanmean(xyz[:, :2], axis=0), np.nanmin(xyz[:, 2]) - 0.03)
     move, title = moved_anywhere(middle, generator), f"{take.subject} frame {frame} trial {number}"
-    return captured(title, take, body, frame, move, paper_rig(generator), generator, CaptureOptions())
+    return captured_frame(title, take, body, frame, move, paper_rig(generator), generator)
 
 
 def _arms_set(xyz: np.ndarray, generator) -> np.ndarray:

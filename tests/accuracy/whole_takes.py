@@ -81,13 +81,15 @@ class Case:
     built_in: str = ""
 
 
-def anonymous(take: Take, case: Case, seed: int) -> tuple[Points, np.ndarray]:
-    """A take without names, as the case has it, and the marker's index of every point (T, P), -1 for what is none."""
-    if isinstance(case.how, Pieces):
-        points, marker = cut_up(take, case.markers, case.how, seed)
+def anonymous(
+    take: Take, markers: Sequence[str], how: Pieces | Trouble = Pieces(), seed: int = 0
+) -> tuple[Points, np.ndarray]:
+    """A take without names, and the index in `markers` of every point (T, P), -1 for what is none."""
+    if isinstance(how, Pieces):
+        points, marker = cut_up(take, markers, how, seed)
         return points, np.where(points.present, marker, -1)
     rng = np.random.default_rng(seed)
-    clouds = spoilt(drawn(take.xyz, min(len(take.xyz), CLOUDS), rng), case.how, rng)
+    clouds = spoilt(drawn(take.xyz, min(len(take.xyz), CLOUDS), rng), how, rng)
     return without_names(clouds.points, take.rate), clouds.truth
 
 
