@@ -297,21 +297,11 @@ def of_parts(keep: Path) -> Iterator[Trial]:
                 yield Trial(f"{trial.take} {part}", partial(_of_other_lab, place, model, worn))
 
 
-def as_recorded() -> Iterator[Trial]:
-    """Whole trajectories of actors and others, whose own markers stand for those of `body26`."""
+def of_strangers_takes(how: whole_takes.Pieces | None) -> Iterator[Trial]:
+    """Takes of actors and others, whose own markers stand for those of `body26`: whole trajectories or pieces."""
     model = open_model("body26")
     for take in strangers.in_body26():
-        there = np.isfinite(take.xyz[..., 0])
-        truth = np.where(there, [model.markerset.index(name) for name in take.markers], -1)
-        points = whole_takes.without_names(take.xyz, take.rate)
-        yield Trial(take.name, partial(labelled_points, points, truth, model))
-
-
-def in_pieces() -> Iterator[Trial]:
-    """The same takes, cut to pieces among ghosts."""
-    model = open_model("body26")
-    for take in strangers.in_body26():
-        points, truth = whole_takes.anonymous(take, model.markerset.markers)
+        points, truth = whole_takes.anonymous(take, model.markerset.markers, how)
         yield Trial(take.name, partial(labelled_points, points, truth, model))
 
 
@@ -342,8 +332,8 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
         found[f"points {name}"] = partial(whole, name, keep)
     for name in ("own", "others"):
         found[f"short {name}"] = partial(whole, name, keep, SHORT)
-    found["points as recorded"] = as_recorded
-    found["strangers body26"] = in_pieces
+    found["points as recorded"] = partial(of_strangers_takes, None)
+    found["strangers body26"] = partial(of_strangers_takes, whole_takes.Pieces())
     found["plates"] = partial(on_plates, keep)
     for kind in actors.MEETINGS:
         found[f"several {kind}"] = partial(together, kind, keep, 10)

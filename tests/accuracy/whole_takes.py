@@ -82,9 +82,12 @@ class Case:
 
 
 def anonymous(
-    take: Take, markers: Sequence[str], how: Pieces | Trouble = Pieces(), seed: int = 0
+    take: Take, markers: Sequence[str], how: Pieces | Trouble | None = Pieces(), seed: int = 0
 ) -> tuple[Points, np.ndarray]:
-    """A take without names, and the index in `markers` of every point (T, P), -1 for what is none."""
+    """A take without names, as it is where nothing says how, and the marker's index of every point (T, P), or -1."""
+    if how is None:
+        index = [markers.index(name) for name in take.markers]
+        return without_names(take.xyz, take.rate), np.where(np.isfinite(take.xyz[..., 0]), index, -1)
     if isinstance(how, Pieces):
         points, marker = cut_up(take, markers, how, seed)
         return points, np.where(points.present, marker, -1)
