@@ -29,7 +29,7 @@ from tests.core.scenes import cut, parts_of
 
 from .captures import RATE, at_rate, best_way, captured, vicon12
 from .flesh import Move, flesh
-from .people import BODY26, PEOPLE, Take, Trial, files_of, read
+from .people import BODY26, PEOPLE, WALKERS, Take, Trial, files_of, read
 from .whole_takes import Case, actors, case_few
 
 GHOSTS = 60
@@ -196,27 +196,21 @@ def standing(apart_m: float) -> Iterator[Meeting]:
 
     The set is learned from how the five others stand, too: whose walks alone are known may have their arms otherwise.
     """
+    stood = {one: read(files_of(one)[0], one) for one in WALKERS}
+    whole = {name: one.of(BODY26) for name, one in stood.items() if set(BODY26) <= set(one.markers)}
     for case in case_few("body26", BODY26, False):
-        others = sorted({one.subject for one in case.training})
-        stood = [one for one in map(_stood, others) if set(BODY26) <= set(one.markers)]
-        training = replace(
-            case, name=f"standing {case.name[-1]}", training=(*case.training, *(one.of(BODY26) for one in stood))
-        )
-        takes = [_stood(one.subject) for one in case.tested]
-        long = [one.of(BODY26) for one in takes if len(one.xyz) >= STANDING and set(BODY26) <= set(one.markers)]
-        for pair in combinations(long, 2):
+        others = sorted({one.subject for one in case.training} & whole.keys())
+        known = *case.training, *(whole[name] for name in others)
+        training = replace(case, name=f"standing {case.name[-1]}", training=known)
+        takes = [whole[one.subject] for one in case.tested if one.subject in whole]
+        for pair in combinations([one for one in takes if len(one.xyz) >= STANDING], 2):
             people = []
             for index, one in enumerate(pair):
                 both = np.concatenate([one.xyz, one.xyz[::-1]])
-                whole = np.concatenate([both] * (int(STOOD_S * one.rate) // len(both)))
-                middle = np.median(middle_of(whole), axis=0)
-                people.append(moved(replace(one, xyz=whole), 0.0, middle, np.array([apart_m * index, 0.0])))
+                long = np.concatenate([both] * (int(STOOD_S * one.rate) // len(both)))
+                middle = np.median(middle_of(long), axis=0)
+                people.append(moved(replace(one, xyz=long), 0.0, middle, np.array([apart_m * index, 0.0])))
             yield Meeting(names_of(pair), tuple(people), training)
-
-
-def _stood(person: str) -> Take:
-    """How somebody of McGill was recorded standing, which is the first file of each."""
-    return read(files_of(person)[0], person)
 
 
 def players() -> Iterator[Meeting]:

@@ -103,24 +103,19 @@ def standing(markers, persons, count: int, seed=0, options=None, cameras: int | 
         generator = np.random.default_rng([seed, number])
         take, body = recordings[number % len(recordings)], whole[number % len(recordings)]
         frame = int(generator.integers(len(take.xyz)))
-        move = moved_anywhere(np.nanmean(take.xyz[frame], axis=0) * [1, 1, 0], generator)
-        rig = paper_rig(generator) if cameras is None else ring_rig(cameras, generator=generator)
+        middle = np.nanmean(take.xyz[frame], axis=0) * [1, 1, 0]
         title = f"{take.subject} frame {frame} trial {number} of seed {seed}"
         worn = replace(take, markers=markers, xyz=take.pick(markers))
-        yield captured_frame(title, worn, body, frame, move, rig, generator, options)
-
-
-def moved_anywhere(middle: np.ndarray, generator: np.random.Generator) -> Move:
-    """A turn about a person's middle on the floor (3,) m, and a place near the room's."""
-    yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
-    return Move(yaw, middle, np.append(place, 0.0))
+        yield captured_frame(title, worn, body, frame, middle, generator, cameras, options)
 
 
 def captured_frame(
-    title: str, take: Take, body: Flesh, frame: int, move: Move, rig: Cameras, generator, options=None
+    title: str, take: Take, body: Flesh, frame: int, middle: np.ndarray, generator, cameras=None, options=None
 ) -> Trial:
-    """What cameras see of a take's frame."""
-    part = slice(frame, frame + 1)
+    """What cameras see of a take's frame, turned about the `middle` on the floor (3,) m and put near the room's."""
+    yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
+    rig = paper_rig(generator) if cameras is None else ring_rig(cameras, generator=generator)
+    part, move = slice(frame, frame + 1), Move(yaw, middle, np.append(place, 0.0))
     moved = moved_flesh(body, part, move)
     return captured(title, move(take.xyz[part]), take.markers, rig, moved, take.rate, generator, options)
 

@@ -61,15 +61,9 @@ def other_labs(keep: Path, *kinds: str) -> Iterator[Worn]:
             yield read_points(place / "cloud.c3d"), built_in if kind == "plugin_gait" else own
 
 
-def treadmill() -> Iterator[Worn]:
-    """A runner in a set that is not known."""
-    take = read_points(people.DATA / "blobs" / "qualisys_run" / "run.c3d")
-    yield without_names(take.xyz[:], take.rate), None
-
-
 def groups(keep: Path) -> dict[str, Callable[[], Iterator[Worn]]]:
     """What is tried."""
-    own = "still", "plates", "animal_hand"
+    own, runner = ("still", "plates", "animal_hand"), read_points(people.DATA / "blobs" / "qualisys_run" / "run.c3d")
     return {
         "`gait15`": lambda: in_set("gait15", walkers(people.GAIT15)),
         "`gait15`, other labs": lambda: in_set(
@@ -83,7 +77,7 @@ def groups(keep: Path) -> dict[str, Callable[[], Iterator[Worn]]]:
         "`actor53`": lambda: in_set("actor53", whole_takes.actors("actors53", up="y").values()),
         "own sets, other labs": lambda: other_labs(keep, *own),
         "unknown: other labs": lambda: ((points, None) for points, _ in other_labs(keep, *own)),
-        "unknown: a runner": treadmill,
+        "unknown: a runner": lambda: iter([(without_names(runner.xyz[:], runner.rate), None)]),
     }
 
 
