@@ -3,7 +3,7 @@
 
 A command of tests/accuracy or tests/benchmarks prints tables; so they become the file that README and pages quote:
 
-python -m tests.benchmarks.room | python scripts/results.py --take room
+python -m tests.benchmarks.playback | python scripts/results.py --take playback
 
 The file keeps its title, page and note; tables go by their order. The ablation writes a file of its own shape.
 """
@@ -104,9 +104,6 @@ def is_in_the_code(command: str) -> bool:
     if module is None:
         return True
     place = ROOT.joinpath(*module[1].split("."))
-    block = re.search(r"--show ([\w-]+)", command)
-    if block is not None:
-        return f'"{block[1]}":' in (place / "report.py").read_text(encoding="utf-8")
     file = place.with_suffix(".py")
     return (place / "__main__.py").exists() or (file.exists() and "__main__" in file.read_text(encoding="utf-8"))
 
