@@ -104,6 +104,9 @@ def is_in_the_code(command: str) -> bool:
     if module is None:
         return True
     place = ROOT.joinpath(*module[1].split("."))
+    block = re.search(r"--show ([\w-]+)", command)
+    if block is not None:
+        return f'"{block[1]}":' in (place / "report.py").read_text(encoding="utf-8")
     file = place.with_suffix(".py")
     return (place / "__main__.py").exists() or (file.exists() and "__main__" in file.read_text(encoding="utf-8"))
 

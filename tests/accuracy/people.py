@@ -98,9 +98,9 @@ def takes(people=None, *kinds: str) -> list[Take]:
     return [_known_markers(path, person, kind) for person, kind, path in parts if not kinds or kind in kinds]
 
 
-def folds() -> list[tuple[str, ...]]:
-    """All people once, in five groups that are left out of training together."""
-    return [WALKERS[index::5] for index in range(5)]
+def folds(count: int = 5) -> list[tuple[str, ...]]:
+    """All people once, in `count` groups that are left out of training together."""
+    return [WALKERS[index::count] for index in range(count)]
 
 
 @cache

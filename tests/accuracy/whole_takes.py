@@ -24,7 +24,7 @@ from addon.io.models import open_model
 
 from .. import recorded
 from ..core.scenes import anonymous as without_names
-from .clouds import Trouble, drawn, placed_differently, spoilt
+from .partial.clouds import Trouble, drawn, placed_differently, spoilt
 from .people import BODY26, DATA, GAIT15, OTHERS, WALKERS, Take, files_of, kept, read, worn_as
 
 BURST_FRAMES = 20  # that a marker is hidden

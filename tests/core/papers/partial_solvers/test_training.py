@@ -19,7 +19,7 @@ from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from addon.core.papers.partial_solvers.search import Genetics
 from addon.core.papers.partial_solvers.solver import TreeSearch
 from addon.core.papers.partial_solvers.training import SEARCHES, Training
-from tests.accuracy.clouds import Trouble, spoilt
+from tests.accuracy.partial.clouds import Trouble, spoilt
 from tests.core.papers.partial_solvers.plain import moving, named_by, trained
 
 NAMES = tuple("ABCDEFG")
