@@ -3,7 +3,7 @@
 
 A command of tests/accuracy or tests/benchmarks prints tables; so they become the file that README and pages quote:
 
-python -m tests.benchmarks.room | python scripts/results.py --take room
+python -m tests.benchmarks.playback | python scripts/results.py --take playback
 
 The file keeps its title, page and note; tables go by their order. The ablation writes a file of its own shape.
 """

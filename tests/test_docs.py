@@ -2,7 +2,6 @@
 """What the documentation says is true: its Python runs, its command lines exist, its links and tests are there."""
 
 import ast
-import importlib.util
 import json
 import re
 import shlex
@@ -25,8 +24,9 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
 WRITTEN = [page for page in PAGES if page.name != "CHANGELOG.md" and page.parent != DOCS / "results"]
 MOST_WORDS, MOST_IN_A_SENTENCE = 35_000, 30
+PARTS = "|".join(path.stem for path in (ROOT / "addon").iterdir() if path.is_dir())
+ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
 BLENDERS = {"bpy", "addon_utils", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
-PACKAGE = "mocap_autolabel"
 
 
 def named(page: Path) -> str:
@@ -45,22 +45,6 @@ def cases(language: str):
 
 
 @pytest.fixture(scope="module")
-def package():
-    """The package under the name that users import, from where it lies if it is not installed."""
-    if importlib.util.find_spec(PACKAGE) is None:
-        spec = importlib.util.spec_from_file_location(
-            PACKAGE, ROOT / "__init__.py", submodule_search_locations=[str(ROOT)]
-        )
-        sys.modules[PACKAGE] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[PACKAGE])
-        yield
-        for name in [name for name in sys.modules if name.partition(".")[0] == PACKAGE]:
-            del sys.modules[name]
-    else:
-        yield
-
-
-@pytest.fixture(scope="module")
 def room(tmp_path_factory) -> Path:
     """A folder with the files that the snippets name: room.toml and walk.csv, of a virtual person."""
     folder = tmp_path_factory.mktemp("room")
@@ -69,7 +53,7 @@ def room(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("snippet", cases("python"))
-def test_snippets_run(snippet, package, room, monkeypatch, capsys):
+def test_snippets_run(snippet, room, monkeypatch, capsys):
     monkeypatch.chdir(room)
     exec(compile(snippet, "snippet", "exec"), {"__name__": "snippet"})
     said = capsys.readouterr().out
@@ -87,35 +71,23 @@ def test_command_lines_are_the_programs(text):
         assert build_parser().parse_args(shlex.split(line)[1:]).run
 
 
-def verbs() -> dict:
-    """Every verb of the command line and its parser."""
-    return next(action for action in build_parser()._actions if action.choices).choices
+VERBS = next(action for action in build_parser()._actions if action.choices).choices
 
 
-def options_of(verb: str) -> set[str]:
-    """The long options of a verb, without --help."""
-    parser = verbs()[verb]
-    return {flag for action in parser._actions for flag in action.option_strings if flag.startswith("--")} - {"--help"}
-
-
-@pytest.mark.parametrize("verb", sorted(verbs()))
+@pytest.mark.parametrize("verb", sorted(VERBS))
 def test_the_guide_tells_every_option_that_people_see(verb):
     guide = "\n".join(page.read_text(encoding="utf-8") for page in DOCS.glob("guide/*.md"))
-    assert {flag for flag in options_of(verb) if not re.search(rf"`[^`\n]*{flag}\b", guide)} == set()
+    flags = {flag for action in VERBS[verb]._actions for flag in action.option_strings if flag.startswith("--")}
+    assert {flag for flag in flags - {"--help"} if not re.search(rf"`[^`\n]*{flag}\b", guide)} == set()
 
 
-@pytest.mark.parametrize("text", cases("json"))
-def test_the_example_marker_set_is_one(text, tmp_path):
-    path = tmp_path / "leg4.markerset.json"
+@pytest.mark.parametrize("text", cases("json") + cases("toml"))
+def test_an_example_is_a_marker_set_one_in_words_or_a_calibration(text, tmp_path):
+    path = tmp_path / ("leg4.markerset.json" if text.startswith("{") else "example.toml")
     path.write_text(text, encoding="utf-8")
-    assert read_markerset(path).name == json.loads(text)["name"]
-
-
-@pytest.mark.parametrize("text", cases("toml"))
-def test_the_example_toml_is_a_calibration_or_a_marker_set_in_words(text, tmp_path):
-    path = tmp_path / "example.toml"
-    path.write_text(text, encoding="utf-8")
-    if "[markers]" in text:
+    if path.suffix == ".json":
+        assert read_markerset(path).name == json.loads(text)["name"]
+    elif "[markers]" in text:
         assert len(described(read_layout(path), known_bodies())) == 6
     else:
         assert read_cameras(path).names == ("cam1",)
@@ -129,23 +101,31 @@ def anchors(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)
-def test_links_lead_somewhere(page):
-    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
-        if re.match(r"https?://", link):
-            continue
+def test_what_a_page_names_is_there(page):
+    """Links, files, tests, and names such as `core.blobs.search.find_subject`: of a file of `addon`, and what is in it.
+
+    What a merge leaves where two changes meet is not for readers.
+    """
+    text = page.read_text(encoding="utf-8")
+    for link in re.findall(r"\]\((?!https?://)([^)\s]+)\)", text):
         name, _, anchor = link.partition("#")
         target = (page.parent / name).resolve() if name else page
         assert target.exists(), f"{page.name} links to {link}"
         assert not anchor or anchor in anchors(target), f"{page.name} links to {link}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=named)
-def test_files_and_tests_that_are_named_are_there(page):
-    text = page.read_text(encoding="utf-8")
     for name in re.findall(r"`((?:tests|scripts|addon|assets|docs)/[\w./]+\.\w+)", text):
         assert (ROOT / name).is_file(), f"{page.name} names {name}"
     for file, function in re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text):
         assert f"def {function}(" in (ROOT / file).read_text(encoding="utf-8"), f"{page.name} names {file}::{function}"
+    for name in re.findall(rf"`((?:{PARTS})(?:\.\w+)+)\b", text):
+        place, rest = ROOT / "addon", name.split(".")
+        while rest and (place / rest[0]).is_dir():
+            place = place / rest.pop(0)
+        file = place / f"{rest.pop(0)}.py" if rest and (place / f"{rest[0]}.py").is_file() else place / "__init__.py"
+        assert file.is_file(), f"{page.name} names {name}"
+        begun = r"(?:(?:def|class) |from .* import .*\b| {4})?"  # what is defined in it, or handed on
+        found = re.search(rf"^{begun}{(*rest, '')[0]}\b", file.read_text(encoding="utf-8"), re.MULTILINE)
+        assert found or not rest, f"{page.name} names {name}"
+    assert re.findall(r"^(?:<{7}|>{7}|={7}$).*", text, re.MULTILINE) == []
 
 
 def test_the_papers_are_gone_through_claim_by_claim():
@@ -156,10 +136,6 @@ def test_the_papers_are_gone_through_claim_by_claim():
         assert re.search(r"`tests/[\w/]+\.py::\w+`|\]\(results/", shown), f"{line} has no test and no result"
 
 
-def test_hand_written_pages_are_not_too_long():
-    assert sum(len(page.read_text(encoding="utf-8").split()) for page in WRITTEN) <= MOST_WORDS
-
-
 def sentences(page: Path) -> list[str]:
     """The page's sentences, without code blocks, tables, headings and where links lead."""
     text = re.sub(r"^```.*?^```$|^[|#][^\n]*$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
@@ -168,42 +144,9 @@ def sentences(page: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("guide/*.md"))], ids=named)
-def test_sentences_for_users_are_short(page):
+def test_sentences_for_users_are_short_and_hand_written_pages_not_too_long(page):
+    assert sum(len(one.read_text(encoding="utf-8").split()) for one in WRITTEN) <= MOST_WORDS
     assert [one for one in sentences(page) if len(one.split()) > MOST_IN_A_SENTENCE] == []
-
-
-@pytest.mark.parametrize("page", PAGES, ids=named)
-def test_modules_and_functions_that_are_named_are_there(page):
-    """Such as `core.blobs.search.find_subject`: a file of `addon`, and what is defined in it."""
-    parts = "|".join(path.stem for path in (ROOT / "addon").iterdir() if path.is_dir())
-    for name in re.findall(rf"`((?:{parts})(?:\.\w+)+)\b", page.read_text(encoding="utf-8")):
-        place, rest = ROOT / "addon", name.split(".")
-        while rest and (place / rest[0]).is_dir():
-            place = place / rest.pop(0)
-        file = place / f"{rest.pop(0)}.py" if rest and (place / f"{rest[0]}.py").is_file() else place / "__init__.py"
-        assert file.is_file(), f"{page.name} names {name}"
-        assert set(rest[:1]) <= defined_in(file), f"{page.name} names {name}"
-
-
-def defined_in(file: Path) -> set[str]:
-    """What a file defines at its top, or hands on."""
-    found = set()
-    for node in ast.parse(file.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            found.add(node.name)
-        elif isinstance(node, ast.ImportFrom):
-            found |= {name.asname or name.name for name in node.names}
-        elif isinstance(node, ast.Assign):
-            found |= {name.id for target in node.targets for name in ast.walk(target) if isinstance(name, ast.Name)}
-    return found
-
-
-def documented_imports() -> dict[str, set[str]]:
-    """The table of architecture.md: which part of `addon` may import which others, and what besides."""
-    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `(\w+)` \|([^|]*)\|([^|]*)\|$", text, re.MULTILINE)
-    assert len(rows) > 10
-    return {part: set(re.findall(r"`(\w+)`", others + besides)) for part, others, besides in rows}
 
 
 def imports_of(path: Path) -> set[tuple[str, ...]]:
@@ -222,41 +165,25 @@ def imports_of(path: Path) -> set[tuple[str, ...]]:
 
 
 def test_the_code_imports_what_the_architecture_allows_of_parts_that_are_there():
-    allowed, free = documented_imports(), set(sys.stdlib_module_names) | {"numpy"}
+    rows = re.findall(r"^\| `(\w+)` \|([^|]*\|[^|]*)\|$", ARCHITECTURE, re.MULTILINE)
+    allowed = {part: set(re.findall(r"`(\w+)`", others)) for part, others in rows}
+    assert len(allowed) > 10
     for path in sorted((ROOT / "addon").rglob("*.py")):
         part = path.relative_to(ROOT / "addon").with_suffix("").parts[0]
         taken = {"bpy" if name in BLENDERS else name for name, *_ in imports_of(path)}
-        assert taken <= allowed.get(part, set()) | free | {part}, path
-    for part, others in documented_imports().items():
-        known = {path.stem for path in (ROOT / "addon").iterdir() if path.suffix == ".py" or path.is_dir()}
-        assert part in known, part
-        assert others <= known | {"bpy", "distributed", "lzallright", "olefile", "scipy", "threadpoolctl"}, part
-
-
-def documented_folders() -> list[str]:
-    """The table of architecture.md: the folders of `core`, in the order in which they know of each other."""
-    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
-    table = text.partition("### The order of `core`")[2].partition("\n## ")[0]
-    return re.findall(r"^\| `([\w/]+)` \|.+\|$", table, re.MULTILINE)
+        assert taken <= allowed.get(part, set()) | set(sys.stdlib_module_names) | {"numpy", part}, path
+    known = {path.stem for path in (ROOT / "addon").iterdir() if path.suffix == ".py" or path.is_dir()}
+    libraries = {"bpy", "distributed", "lzallright", "olefile", "scipy", "threadpoolctl"}
+    assert set(allowed) <= known and set().union(*allowed.values()) <= known | libraries
 
 
 def test_every_folder_of_core_has_its_line_in_the_architecture_and_imports_only_those_above():
+    table = ARCHITECTURE.partition("### The order of `core`")[2].partition("\n## ")[0]
+    order = re.findall(r"^\| `([\w/]+)` \|.+\|$", table, re.MULTILINE)
     there = {path.parent.relative_to(CORE).as_posix() for path in CORE.rglob("*.py") if path.name != "__init__.py"}
-    assert sorted(documented_folders()) == sorted(there)
-    order = documented_folders()
+    assert sorted(order) == sorted(there)
     for place, folder in enumerate(order):
         for path in sorted((CORE / folder).glob("*.py")):
-            below = {found for found in folders_imported(path) if found != folder and found not in order[:place]}
-            assert not below, f"{path.relative_to(CORE)} imports from {below}"
-
-
-def folders_imported(path: Path) -> set[str]:
-    """The folders of core that a file of it imports from, as paths from core."""
-    targets = [CORE.joinpath(*rest) for part, *rest in imports_of(path) if part == "core"]
-    return {(target if target.is_dir() else target.parent).relative_to(CORE).as_posix() for target in targets}
-
-
-@pytest.mark.parametrize("page", PAGES, ids=named)
-def test_no_page_has_two_versions_of_itself(page):
-    """What a merge leaves where two changes meet is not for readers."""
-    assert re.findall(r"^(?:<{7}|>{7}|={7}$).*", page.read_text(encoding="utf-8"), re.MULTILINE) == []
+            targets = [CORE.joinpath(*rest) for part, *rest in imports_of(path) if part == "core"]
+            targets = {(one if one.is_dir() else one.parent).relative_to(CORE).as_posix() for one in targets}
+            assert targets <= {folder, *order[:place]}, path

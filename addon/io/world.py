@@ -102,8 +102,8 @@ FLOOR_M = (-0.3, 0.4)
 MIN_HEIGHT_M = 0.5  # that markers reach up from it: physical, half the legs of an adult
 MIN_LONGER = 1.3  # times as long as wide who surely stands: measured, who kneels down from a run was 1.0 to 1.2
 MAX_WANDER = 0.25  # of the height, of the lowest marker: physical, a jump and a step are less than a shank
-# of the points at either end, which may be ghosts where nothing stands otherwise: measured, three of 118 takes in pieces
-# stand so; with 0.05 a serve of 22 points is read with another axis up
+# of the points at either end, which may be ghosts where nothing stands otherwise: measured, three of 118 takes stand
+# so; with 0.05 a serve of 22 points is read with another axis up
 GHOSTS = 0.02
 
 

@@ -20,6 +20,7 @@ import os
 import sys
 import tempfile
 from fnmatch import fnmatch
+from itertools import zip_longest
 from pathlib import Path
 from time import monotonic
 
@@ -40,8 +41,8 @@ SIGMAS = 1.96  # of a normal distribution, 95 % are within
 
 def version() -> str:
     """A digest of the code that names, and of the sets that it names by."""
-    files = sorted([*ROOT.glob("addon/core/**/*.py"), *ROOT.glob("kernels/src/*"), *ROOT.glob("assets/*.json")])
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+    files = [*ROOT.glob("addon/core/**/*.py"), *ROOT.glob("kernels/src/*"), *ROOT.glob("assets/*.json")]
+    return people.digest_of(sorted(files))[:12]
 
 
 class Measured:
@@ -106,19 +107,13 @@ def difference(before: dict, after: dict) -> dict:
     some = sorted(before.keys() & after.keys())
     found = {"takes": len(some)}
     for name in ("right", "wrong"):
-        units, there = [], []
+        units = [np.zeros((0, 3))]
         for take in some:
-            one, other, known = (
-                np.array(part, float) for part in (before[take][name], after[take][name], before[take]["there"])
-            )
-            longest = max(len(one), len(other), len(known))
-            one, other, known = (np.pad(part, (0, longest - len(part))) for part in (one, other, known))
-            units.append(other - one)
-            there.append(known)
-        if len(some) >= MIN_TAKES:
-            units, there = [part.sum(keepdims=True) for part in units], [part.sum(keepdims=True) for part in there]
-        change, known = np.concatenate(units or [np.zeros(1)]), np.concatenate(there or [np.ones(1)])
-        total, count = max(known.sum(), 1.0), len(change)
+            columns = after[take][name], before[take][name], before[take]["there"]
+            rows = np.array([*zip_longest(*columns, fillvalue=0)], float)
+            units.append(rows.sum(axis=0, keepdims=True) if len(some) >= MIN_TAKES else rows)
+        new, old, known = np.concatenate(units).T
+        change, total, count = new - old, max(known.sum(), 1.0), len(known)
         share = change.sum() / total
         spread = np.sqrt(((change - share * known) ** 2).sum() * count / max(count - 1, 1)) / total
         found[name] = [round(float(100 * part), 4) for part in (share, SIGMAS * spread)]

@@ -10,29 +10,27 @@ side in eight made-up cameras on one side, from which one walks behind the other
 nothing of, are in the way of all markers.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from addon.core.data.progress import finished
-from addon.core.data.takes import Blobs, Points
-from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
 from addon.core.pipelines.several_through_points import SeveralBlobs, label_several_blobs
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture
+from addon.core.simulation.simulate import BodiesTogether
 from addon.io.models import open_model
 from addon.io.points import read_points
-from tests.core.scenes import joined
+from tests.core.scenes import cut, parts_of
 
-from .captures import RATE, at_rate, best_way, vicon12
+from .captures import RATE, at_rate, best_way, captured, vicon12
 from .flesh import Move, flesh
-from .people import BODY26, PEOPLE, Take, files_of, read
-from .whole_takes import Case, Pieces, actors, case_few, cut_up
+from .people import BODY26, PEOPLE, WALKERS, Take, Trial, files_of, read
+from .whole_takes import Case, actors, case_few
 
 GHOSTS = 60
 HIDDEN_EACH = 5  # markers hidden at a time, for each person
@@ -86,18 +84,23 @@ def moved(take: Take, turn: float, pivot: np.ndarray, place: np.ndarray) -> Take
     return replace(take, xyz=Move(turn, np.append(pivot, 0.0), np.append(place, 0.0))(take.xyz))
 
 
-def passing(takes: list[Take], lanes: list[float], ways: list[int]) -> tuple[Take, ...]:
-    """Walkers along x, each in a lane (y, m), some the other way (-1): all are at x = 0 in the middle of the take."""
+def passing(takes: Sequence[Take], apart: float = PASSING_M, one_way: bool = False) -> tuple[Take, ...]:
+    """Walkers along x in lanes so far apart, m, every other the other way: all at x = 0 in the middle of the take."""
     frames = min(len(one.xyz) for one in takes)
     found = []
-    for take, lane, way in zip(takes, lanes, ways, strict=True):
+    for index, take in enumerate(takes):
         spare = len(take.xyz) - frames
         one = replace(take, xyz=take.xyz[spare // 2 : spare // 2 + frames])
         path = middle_of(one.xyz)
         along = path[-1] - path[0]
-        turn = -np.arctan2(along[1], along[0]) + (np.pi if way < 0 else 0.0)
-        found.append(moved(one, turn, path[frames // 2], np.array([0.0, lane])))
+        turn = -np.arctan2(along[1], along[0]) + (0.0 if one_way or index % 2 == 0 else np.pi)
+        found.append(moved(one, turn, path[frames // 2], np.array([0.0, apart * index])))
     return tuple(found)
+
+
+def names_of(people: Iterable[Take]) -> str:
+    """Who is in a take, as it is called."""
+    return " ".join(one.subject for one in people)
 
 
 def walkers(count: int) -> Iterator[Meeting]:
@@ -106,18 +109,14 @@ def walkers(count: int) -> Iterator[Meeting]:
         groups = list(combinations(range(len(case.tested)), count))
         for group in groups[:: max(len(groups) // 5, 1)]:
             some = [case.tested[index] for index in group]
-            lanes = [PASSING_M * index for index in range(count)]
-            ways = [(-1) ** index for index in range(count)]
-            name = " ".join(one.subject for one in some)
-            yield Meeting(name, passing(some, lanes, ways), case)
+            yield Meeting(names_of(some), passing(some), case)
 
 
 def through() -> Iterator[Meeting]:
     """Walkers who meet in one lane, and pass through each other as far as their middles are apart."""
     for case in case_few("body26", BODY26, False):
         for pair in list(combinations(case.tested, 2))[::2]:
-            people = passing(list(pair), [0.0, THROUGH_M], [1, -1])
-            yield Meeting(" ".join(one.subject for one in pair), people, case)
+            yield Meeting(names_of(pair), passing(pair, THROUGH_M), case)
 
 
 def acting(apart: float) -> Iterator[Meeting]:
@@ -197,27 +196,21 @@ def standing(apart_m: float) -> Iterator[Meeting]:
 
     The set is learned from how the five others stand, too: whose walks alone are known may have their arms otherwise.
     """
+    stood = {one: read(files_of(one)[0], one) for one in WALKERS}
+    whole = {name: one.of(BODY26) for name, one in stood.items() if set(BODY26) <= set(one.markers)}
     for case in case_few("body26", BODY26, False):
-        others = sorted({one.subject for one in case.training})
-        stood = [one for one in map(_stood, others) if set(BODY26) <= set(one.markers)]
-        training = replace(
-            case, name=f"standing {case.name[-1]}", training=(*case.training, *(one.of(BODY26) for one in stood))
-        )
-        takes = [_stood(one.subject) for one in case.tested]
-        long = [one.of(BODY26) for one in takes if len(one.xyz) >= STANDING and set(BODY26) <= set(one.markers)]
-        for pair in combinations(long, 2):
+        others = sorted({one.subject for one in case.training} & whole.keys())
+        known = *case.training, *(whole[name] for name in others)
+        training = replace(case, name=f"standing {case.name[-1]}", training=known)
+        takes = [whole[one.subject] for one in case.tested if one.subject in whole]
+        for pair in combinations([one for one in takes if len(one.xyz) >= STANDING], 2):
             people = []
             for index, one in enumerate(pair):
                 both = np.concatenate([one.xyz, one.xyz[::-1]])
-                whole = np.concatenate([both] * (int(STOOD_S * one.rate) // len(both)))
-                middle = np.median(middle_of(whole), axis=0)
-                people.append(moved(replace(one, xyz=whole), 0.0, middle, np.array([apart_m * index, 0.0])))
-            yield Meeting(" ".join(one.subject for one in pair), tuple(people), training)
-
-
-def _stood(person: str) -> Take:
-    """How somebody of McGill was recorded standing, which is the first file of each."""
-    return read(files_of(person)[0], person)
+                long = np.concatenate([both] * (int(STOOD_S * one.rate) // len(both)))
+                middle = np.median(middle_of(long), axis=0)
+                people.append(moved(replace(one, xyz=long), 0.0, middle, np.array([apart_m * index, 0.0])))
+            yield Meeting(names_of(pair), tuple(people), training)
 
 
 def players() -> Iterator[Meeting]:
@@ -291,11 +284,9 @@ def known(asked: int, there: int = 2) -> Iterator[Meeting]:
     """Walkers passing, so many of whom are asked for by name: each learned from a turn of their own."""
     for case in case_few("body26", BODY26, False):
         for some in list(combinations(case.tested, there))[::2]:
-            people = passing(list(some), [PASSING_M * index for index in range(there)], [1, -1, 1][:there])
-            own = tuple(own_turn(one.subject) for one in people[:asked])
-            if None in own:
-                continue
-            yield Meeting(" ".join(one.subject for one in people), people, case, own)
+            own = tuple(own_turn(one.subject) for one in some[:asked])
+            if None not in own:
+                yield Meeting(names_of(some), passing(some), case, own)
 
 
 MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
@@ -325,32 +316,10 @@ MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
 }
 
 
-def pieces_of(meeting: Meeting, seed: int) -> tuple[Points, np.ndarray]:
-    """The take cut to pieces, and which marker of whom every point (T, P) is, -1 for none."""
-    take = meeting.together()
-    points, marker = cut_up(take, take.markers, Pieces(HIDDEN_EACH * len(meeting.people), GHOSTS), seed)
-    return points, np.where(points.present, marker, -1)
-
-
 CAMERAS = 8
 RING = 24  # of which eight that are next to each other are on one side, a third of the way round
 ONE_SIDE = ring_rig(RING, (1280, 1024), 4.5, 1.2, 1.8)
 CHUNK = 256
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What cameras saw of a meeting, with the true names of all blobs: 1:LASI, 2:LASI …, several joined with `|`."""
-
-    cameras: Cameras
-    blobs: Blobs
-    truth: np.ndarray
-
-    def chunks(self) -> Iterator[tuple[Blobs, float]]:
-        """The blobs chunk by chunk."""
-        first, last = int(self.blobs.frames[0]), int(self.blobs.frames[-1])
-        for start in range(first, last + 1, CHUNK):
-            yield self.blobs.between(start, min(start + CHUNK - 1, last)), (start - first) / (last + 1 - first)
 
 
 def meetings(kind: str) -> Iterator[Meeting]:
@@ -362,13 +331,11 @@ def meetings(kind: str) -> Iterator[Meeting]:
         count = 3 if kind == "three" else 2
         for first in range(len(case.tested) - count + 1):
             some = [at_rate(one, RATE) for one in case.tested[first : first + count]]
-            lanes = [PASSING_M * index for index in range(count)]
-            ways = [(-1) ** index if kind in ("passing", "three") else 1 for index in range(count)]
-            yield Meeting(" ".join(one.subject for one in some), passing(some, lanes, ways), case)
+            yield Meeting(names_of(some), passing(some, one_way=kind not in ("passing", "three")), case)
 
 
-def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:
-    """The meeting in the room, or in front of eight cameras on `one_side`."""
+def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Trial:
+    """The meeting in the room, or in front of eight cameras on `one_side`; true names are 1:LASI, 2:LASI …"""
     generator = np.random.default_rng([17, seed])
     centre = np.append(np.mean([middle_of(one.xyz)[len(one.xyz) // 2] for one in meeting.people], axis=0), 0.0)
     if one_side:
@@ -380,16 +347,13 @@ def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:
         placed = [move(one.xyz) for one in meeting.people]
     bodies = tuple(flesh(one.markers, xyz) for one, xyz in zip(meeting.people, placed, strict=True))
     together = BodiesTogether(bodies, tuple(xyz.shape[1] for xyz in placed))
-    names = meeting.together().markers
-    options = replace(CaptureOptions(), seed=int(generator.integers(2**31)))
-    xyz = np.concatenate(placed, axis=1)
-    taken = joined(capture(xyz, names, cameras, options, together))
-    return Seen(cameras, taken.blobs, taken.truth)
+    xyz, markers = np.concatenate(placed, axis=1), meeting.together().markers
+    return captured(meeting.name, xyz, markers, cameras, together, RATE, generator)
 
 
-def named(shot: Seen, asked: SeveralOptions) -> np.ndarray:
+def named(shot: Trial, asked: SeveralOptions) -> np.ndarray:
     """(N,) the names that the product gives to the blobs, "" for none."""
-    take = SeveralBlobs(shot.chunks, shot.cameras, asked, PointOptions("likelihood"), RATE)
+    take = SeveralBlobs(lambda: parts_of(shot.blobs, CHUNK), shot.cameras, asked, PointOptions("likelihood"), shot.rate)
     made = finished(label_several_blobs(take))
-    marker = np.concatenate([chunk.labels.marker for chunk in made.chunks(part for part, _ in shot.chunks())])
+    marker = np.concatenate([chunk.labels.marker for chunk in made.chunks(cut(shot.blobs, CHUNK))])
     return np.array([*made.worn.markers, ""], object)[marker]

@@ -14,7 +14,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.data.takes import BY_FIT, NO_MARKER, Labels, Motion, PointRows, Points
 from addon.core.geometry.cameras import NO_CAMERAS
-from addon.core.geometry.rigid import best_turns
+from addon.core.geometry.rigid import best_turns, in_axes, laid_on
 from addon.core.geometry.rotations import carried, rotation_vector
 from addon.core.points.motion import motion_of
 from addon.core.posing.character import Character
@@ -24,6 +24,7 @@ from addon.core.posing.posing import fit_points
 from addon.core.retarget.matching import match_bones
 from addon.core.review.suspects import runs
 from addon.io.models import open_model
+from addon.io.points import read_points
 from addon.scene.armature import bone_tails, build_of, on_ground
 from addon.scene.character import moving_in
 from addon.scene.opened import Opened
@@ -47,7 +48,7 @@ def cases() -> Iterator[tuple[str, str, people.Take]]:
     takes = {"karate": ("actor41", "s135"), "break dance": ("actor41", "bd"), "basketball": ("actor41", "ball")}
     for title, (model, name) in (takes | {"tennis serve": ("body39", "serve")}).items():
         yield title, model, people.read(people.DATA / people.OTHERS[name], name)
-    for number, walk in enumerate(people.takes(people.everyone()[:3], "walk"), 1):
+    for number, walk in enumerate(people.takes(people.WALKERS[:3], "walk"), 1):
         yield f"walk {number}", "body26", walk
 
 
@@ -233,8 +234,8 @@ def leg(places: dict[str, np.ndarray], found: np.ndarray) -> float:
 
 def off_their_mean(turns: np.ndarray) -> np.ndarray:
     """Degrees (K,) by which rotations (K, 3, 3) are off what they are in the mean."""
-    one, _, other = np.linalg.svd(turns.mean(axis=0))
-    return np.degrees(np.linalg.norm(rotation_vector((one @ other).T @ turns), axis=1))
+    (mean,), _ = best_turns(turns.mean(axis=0, keepdims=True))
+    return np.degrees(np.linalg.norm(rotation_vector(mean.T @ turns), axis=1))
 
 
 def _higher(rig: bpy.types.Object, world, bone: str, end: str) -> float:
@@ -250,34 +251,29 @@ def toes_off() -> Iterator[list[str]]:
     """
     markerset = finer(open_model("body26").markerset)
     segments = markerset.skeleton.segments
-    off: dict[str, list[np.ndarray]] = {"foot": [], "toes": []}
-    pitched: dict[str, list[float]] = {"foot": [], "toes": [], "marker": []}
-    for person in people.everyone():
+    off: dict[str, list[np.ndarray]] = {"foot": [], "toes": [], "marker": []}
+    pitched: dict[str, list[float]] = {part: [] for part in off}
+    for person in people.WALKERS:
         walk = people.read(people.files_of(person)[people.KINDS.index("walk")], person)
         fitted = posed(walk, markerset)
         shown = on_ground(fitted, markerset, build_of(markerset, fitted), walk.rate)
         for side in (side for side in "LR" if plants(walk, side)):
             way = walk.pick([f"{side}HLX"])[:, 0] - shown.joints[:, segments.index(f"toes.{side}")]
-            span, near = round(NEAR_S * walk.rate), set()
-            turns = {part: shown.rotations[:, segments.index(f"{part}.{side}")] for part in off}
-            flat = np.concatenate([np.arange(first, first + (end - first) // 3) for first, end in plants(walk, side)])
+            span, near, flat = round(NEAR_S * walk.rate), np.zeros(len(way), bool), np.zeros(len(way), bool)
+            turns = {part: shown.rotations[:, segments.index(f"{part}.{side}")] for part in ("foot", "toes")}
             for first, end in plants(walk, side):
-                near |= set(range(max(first - span, 0), min(end + span, len(way))))
+                near[max(first - span, 0) : end + span] = flat[first : first + (end - first) // 3] = True
                 ahead = turns["foot"][(first + end) // 2, :2, 0]
                 for part, ways in ({part: turn[..., 0] for part, turn in turns.items()} | {"marker": way}).items():
                     pitched[part].append(largest_pitch(ways[end : end + span], ahead))
-            for part, gone in off.items():
-                place = np.nanmedian(carried(turns[part].swapaxes(1, 2), way)[flat], axis=0)
-                gone.append(1000 * (carried(turns[part], place) - way)[sorted(near)])
+            for part, turn in turns.items():
+                place = np.nanmedian(carried(turn.swapaxes(1, 2), way)[flat], axis=0)
+                off[part].append(1000 * (carried(turn, place) - way)[near])
+            off["marker"].append(np.zeros((1, 3)))
     for title, part in (("as the foot", "foot"), ("shown", "toes"), ("the marker", "marker")):
-        row = [title]
-        if part in off:
-            gone = np.concatenate(off[part])
-            for values in (np.abs(gone[:, 2]), np.linalg.norm(gone, axis=1)):
-                row += [f"{value:.1f}" for value in np.nanquantile(values, (0.5, 0.9, 0.99))]
-        else:
-            row += 6 * ["0.0"]
-        yield [*row, f"{np.nanmedian(pitched[part]):.1f}"]
+        gone = np.concatenate(off[part])
+        values = np.nanquantile([np.abs(gone[:, 2]), np.linalg.norm(gone, axis=1)], (0.5, 0.9, 0.99), axis=1)
+        yield [title, *(f"{value:.1f}" for value in values.T.ravel()), f"{np.nanmedian(pitched[part]):.1f}"]
 
 
 def largest_pitch(ways: np.ndarray, ahead: np.ndarray) -> float:
@@ -291,19 +287,14 @@ def fingers_off() -> Iterator[list[str]]:
 
     The set is the hand alone: markers sit where they are in the mean in the axes of the plate on its back.
     """
-    lines = HAND.read_text().splitlines()
-    start = next(at for at, line in enumerate(lines) if line.startswith("Frame\t"))
-    names = next(line for line in lines if line.startswith("MARKER_NAMES")).split("\t")[1:]
-    table = np.genfromtxt(lines[start + 1 :: HAND_STRIDE], delimiter="\t")[:, 2 : 2 + 3 * len(names)]
-    xyz = table.reshape(len(table), -1, 3) / 1000
-    xyz[(xyz == 0).all(axis=2)] = np.nan
+    take = read_points(HAND)
+    names, xyz = take.names, take.xyz[::HAND_STRIDE]
     plate = [names.index(f"hand_{at}") for at in ("top", "left", "right")]
     for title, ends in (("tips", ("_tip",)), ("middles", ("_middle",)), ("tips and middles", ("_tip", "_middle"))):
         on = [names.index(name) for name in names if name.endswith(ends)]
         points = xyz[:, [*plate, *on]]
-        middle = points[:, :3].mean(axis=1, keepdims=True)
-        turns = np.stack([best_turn(shown, points[0, :3]) for shown in points[:, :3]])
-        places = np.nanmean((points - middle) @ turns.swapaxes(1, 2), axis=0)
+        first = points[0, :3] - points[0, :3].mean(axis=0)
+        places = np.nanmean(in_axes(*laid_on(first, points[:, :3]), points), axis=0)
         ahead = places[3:].mean(axis=0) / np.linalg.norm(places[3:].mean(axis=0))
         markerset = _hand(tuple(names[at] for at in (*plate, *on)), (places + WRIST_M * ahead) / PERSON_M)
         for how, one in (("as the hand", markerset), ("of their own", with_ends(markerset))):
@@ -322,12 +313,6 @@ def _hand(names: tuple[str, ...], places: np.ndarray) -> MarkerSet:
     capsules = Capsules(np.zeros(0, int), none, none, np.zeros(0))
     skeleton = Skeleton(("hand.R",), np.array([-1]), np.zeros((1, 3)))
     return MarkerSet("hand", "", names, {}, skeleton, np.zeros(count, int), places, capsules, spread, {})
-
-
-def best_turn(points: np.ndarray, onto: np.ndarray) -> np.ndarray:
-    """(3, 3) that turns points (N, 3) onto others about their middles."""
-    outer = (onto - onto.mean(axis=0)).T @ (points - points.mean(axis=0))
-    return best_turns(outer[None])[0][0]
 
 
 def main():

@@ -11,6 +11,7 @@ from addon.core.geometry.cameras import Cameras
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture
 from addon.io.cameras import read_cameras
+from addon.io.points import read_points
 from tests.core.scenes import joined
 
 from . import people
@@ -36,15 +37,12 @@ def walking(markers, persons, count, seed=0, options=None, room="vicon12", camer
     They are every walk and turn of `persons` in turn; None: each once.
     """
     recordings = people.takes(persons, "walk", "turn")
-    options = options or CaptureOptions()
     for number in range(len(recordings) if count is None else count):
         generator = np.random.default_rng([seed, number])
         take = at_rate(recordings[number % len(recordings)], RATE)
         body = flesh(take.markers, take.xyz)
         rig, xyz, move = _placed(take, markers, room, int(generator.integers(cameras[0], cameras[1] + 1)), generator)
-        moved = moved_flesh(body, slice(None), move)
-        seen = joined(capture(xyz, markers, rig, replace(options, seed=int(generator.integers(2**31))), moved))
-        yield Trial(take.name, rig, seen.blobs, seen.truth, xyz, RATE)
+        yield captured(take.name, xyz, markers, rig, moved_flesh(body, slice(None), move), RATE, generator, options)
 
 
 def at_rate(take, rate: float):
@@ -90,8 +88,8 @@ def _seen(cameras: Cameras, xyz: np.ndarray) -> np.ndarray:
 @cache
 def room_middle() -> np.ndarray:
     """The middle of the walk that was recorded in the room, on the floor."""
-    _, walk, _ = people.read_c3d(ROOM / "walking_1.c3d")
-    return np.append(np.nanmean(walk, axis=(0, 1))[:2], 0.0)
+    walk = read_points(ROOM / "walking_1.c3d", everything=True, up="z")
+    return np.append(np.nanmean(walk.xyz[:], axis=(0, 1))[:2], 0.0)
 
 
 def standing(markers, persons, count: int, seed=0, options=None, cameras: int | None = None) -> Iterator[Trial]:
@@ -105,22 +103,25 @@ def standing(markers, persons, count: int, seed=0, options=None, cameras: int | 
         generator = np.random.default_rng([seed, number])
         take, body = recordings[number % len(recordings)], whole[number % len(recordings)]
         frame = int(generator.integers(len(take.xyz)))
-        move = moved_anywhere(np.nanmean(take.xyz[frame], axis=0) * [1, 1, 0], generator)
-        rig = paper_rig(generator) if cameras is None else ring_rig(cameras, generator=generator)
+        middle = np.nanmean(take.xyz[frame], axis=0) * [1, 1, 0]
         title = f"{take.subject} frame {frame} trial {number} of seed {seed}"
         worn = replace(take, markers=markers, xyz=take.pick(markers))
-        yield captured(title, worn, body, frame, move, rig, generator, options or CaptureOptions())
+        yield captured_frame(title, worn, body, frame, middle, generator, cameras, options)
 
 
-def moved_anywhere(middle: np.ndarray, generator: np.random.Generator) -> Move:
-    """A turn about a person's middle on the floor (3,) m, and a place near the room's."""
+def captured_frame(
+    title: str, take: Take, body: Flesh, frame: int, middle: np.ndarray, generator, cameras=None, options=None
+) -> Trial:
+    """What cameras see of a take's frame, turned about the `middle` on the floor (3,) m and put near the room's."""
     yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
-    return Move(yaw, middle, np.append(place, 0.0))
+    rig = paper_rig(generator) if cameras is None else ring_rig(cameras, generator=generator)
+    part, move = slice(frame, frame + 1), Move(yaw, middle, np.append(place, 0.0))
+    moved = moved_flesh(body, part, move)
+    return captured(title, move(take.xyz[part]), take.markers, rig, moved, take.rate, generator, options)
 
 
-def captured(title: str, take: Take, body: Flesh, frame: int, move: Move, rig: Cameras, generator, options) -> Trial:
-    """What cameras see of a take's frame."""
-    part = slice(frame, frame + 1)
-    xyz, options = move(take.xyz[part]), replace(options, seed=int(generator.integers(2**31)))
-    seen = joined(capture(xyz, take.markers, rig, options, moved_flesh(body, part, move)))
-    return Trial(title, rig, seen.blobs, seen.truth, xyz, take.rate)
+def captured(title: str, xyz: np.ndarray, names, rig: Cameras, body, rate: float, generator, options=None) -> Trial:
+    """What cameras see of markers (T, M, 3) m and of the bodies in their way."""
+    options = replace(options or CaptureOptions(), seed=int(generator.integers(2**31)))
+    seen = joined(capture(xyz, names, rig, options, body))
+    return Trial(title, rig, seen.blobs, seen.truth, rate)

@@ -10,7 +10,6 @@ The constants of the filling were chosen on the takes of CHOSEN_ON; what the oth
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
 from time import perf_counter, process_time
 
 import numpy as np
@@ -42,15 +41,6 @@ MARGIN = 10  # frames on either side of a gap in which the marker is known
 LEAST_SEEN = 0.2  # of a take; a marker that is seen less has no room for gaps
 
 
-@dataclass(frozen=True)
-class Cut:
-    """Markers that are hidden in frames from `start` up to `stop`."""
-
-    markers: tuple[int, ...]
-    start: int
-    stop: int
-
-
 def take_of(name: str) -> tuple[np.ndarray, float]:
     """Named markers (T, M, 3) m that are seen for a good part of a take, and its rate."""
     take = read_points(DATA / OTHERS[name])
@@ -58,8 +48,8 @@ def take_of(name: str) -> tuple[np.ndarray, float]:
     return take.xyz[:, kept], take.rate
 
 
-def cuts(xyz: np.ndarray, length: int, count: int, at_once: int) -> Iterator[Cut]:
-    """Gaps at random where the markers are known, also a little before and after."""
+def cuts(xyz: np.ndarray, length: int, count: int, at_once: int) -> Iterator[tuple[list[int], slice]]:
+    """Markers and frames of gaps at random where the markers are known, also a little before and after."""
     rng = np.random.default_rng([SEED, length, at_once])
     known = np.isfinite(xyz[..., 0])
     distance = np.nanmean(np.linalg.norm(xyz[::20, :, None] - xyz[::20, None], axis=-1), axis=0)
@@ -69,10 +59,10 @@ def cuts(xyz: np.ndarray, length: int, count: int, at_once: int) -> Iterator[Cut
         near = [int(other) for other in np.argsort(distance[marker]) if there[other]]
         if there[marker] and len(near) >= at_once:
             count -= 1
-            yield Cut(tuple(near[:at_once]), start, start + length)
+            yield near[:at_once], slice(int(start), int(start) + length)
 
 
-def kalman(take: KnownMarkers, gap: Gap) -> np.ndarray:
+def kalman(take: KnownMarkers, gap: Gap, *_) -> np.ndarray:
     """Low-rank Kalman smoothing (Burke and Lasenby 2016): weights of components walk at random; (L, 3) m."""
     side = 60
     part = slice(max(gap.start - side, 0), gap.stop + side)
@@ -103,33 +93,30 @@ def kalman(take: KnownMarkers, gap: Gap) -> np.ndarray:
     return told[gap.start - part.start : gap.stop - part.start]
 
 
-def peer(name: str, take: KnownMarkers, gap: Gap) -> np.ndarray | None:
-    """What a usual method makes of a gap, (L, 3) m."""
-    own = take.known[:, gap.marker]
-    ways = {"cubic spline": plain.spline, "rigid, 4 neighbours": plain.rigid, "PCA, joined ends": plain.pca}
-    return kalman(take, gap) if name == "low-rank Kalman" else ways[name](take, gap, neighbours_of(take, gap, own), own)
+PEERS = {
+    "cubic spline": plain.spline, "rigid, 4 neighbours": plain.rigid, "PCA, joined ends": plain.pca,
+    "low-rank Kalman": kalman,
+}  # fmt: skip
 
 
-PEERS = ("cubic spline", "rigid, 4 neighbours", "PCA, joined ends", "low-rank Kalman")
-
-
-def errors(xyz: np.ndarray, rate: float, cut: Cut) -> dict[str, float]:
-    """Mean error of each method, and the one that `auto` expected, of the markers of a cut, mm."""
-    hidden, columns = xyz.copy(), list(cut.markers)
-    hidden[cut.start : cut.stop, columns] = np.nan
-    truth, found = xyz[cut.start : cut.stop], {name: [] for name in (*PEERS, "auto", "expected")}
+def errors(xyz: np.ndarray, rate: float, columns: list[int], part: slice) -> dict[str, float]:
+    """Mean error of each method, and the one that `auto` expected, of markers that are hidden for a while, mm."""
+    hidden = xyz.copy()
+    hidden[part, columns] = np.nan
+    truth, found = xyz[part], {name: [] for name in (*PEERS, "auto", "expected")}
     take = KnownMarkers(hidden)
     for marker in columns:
-        gap = Gap(cut.start, cut.stop, marker)
-        for name in PEERS:
-            path = peer(name, take, gap)
+        gap, own = Gap(part.start, part.stop, marker), take.known[:, marker]
+        near = neighbours_of(take, gap, own)
+        for name, peer in PEERS.items():
+            path = peer(take, gap, near, own)
             found[name].append(np.nan if path is None else _off(path, truth[:, marker]))
     # The error is asked for whatever is to be expected, and the take's own gaps in other markers stay.
     options = FillOptions(markers=tuple(columns), max_gap=len(truth), max_off_m=np.inf)
     filled = finished(fill_take(hidden, rate, options))
     for marker in columns:
-        found["auto"].append(_off(filled.xyz[cut.start : cut.stop, marker], truth[:, marker]))
-        told = next(one for one in filled.gaps if one.gap == Gap(cut.start, cut.stop, marker))
+        found["auto"].append(_off(filled.xyz[part, marker], truth[:, marker]))
+        told = next(one for one in filled.gaps if one.gap == Gap(part.start, part.stop, marker))
         found["expected"].append(1000 * told.expected)
     return {name: float(np.mean(values)) for name, values in found.items()}
 
@@ -154,7 +141,7 @@ def main() -> int:
 def _rows(takes: dict, seconds: float, at_once: int) -> list[list[str]]:
     means = {}
     for name, (xyz, rate) in takes.items():
-        found = [errors(xyz, rate, cut) for cut in cuts(xyz, round(seconds * rate), AT_ONCE[at_once], at_once)]
+        found = [errors(xyz, rate, *cut) for cut in cuts(xyz, round(seconds * rate), AT_ONCE[at_once], at_once)]
         means[name] = {key: float(np.mean([one[key] for one in found])) for key in found[0]}
     rows = []
     for label, names in GROUPS.items():

@@ -5,6 +5,7 @@ It knows nothing of the marker set that is tested, so that the model's body is a
 Proportions to stature are rounded from common anthropometric tables.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ HEAD_BAND_TO_STATURE = 1.06
 # The hip's centre from the middle of the front of the pelvis, in its own width: backward, to the side, down.
 HIP = (0.30, 0.36, 0.30)
 BLOCK = 16
+_Part = tuple[np.ndarray, np.ndarray, float]  # a capsule's start, end, and radius in parts of the stature
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,25 +51,26 @@ def flesh(names, xyz: np.ndarray) -> Flesh:
     at = {name: xyz[:, index] for index, name in enumerate(names)}
     head = np.mean([at[n] for n in ("LFHD", "RFHD", "LBHD", "RBHD") if n in at], axis=0)
     stature = HEAD_BAND_TO_STATURE * float(np.nanmax(head[:, 2]))
-    parts = _Parts(stature)
+    parts: list[_Part] = []
     axes = _pelvis_axes(at)
     ahead, left, up = np.moveaxis(axes, -1, 0)
     front = (at["LASI"] + at["RASI"]) / 2
     middle = (front + at["SACR"]) / 2
     width = np.linalg.norm(at["LASI"] - at["RASI"], axis=1)[:, None]
     depth = float(np.nanmedian(np.linalg.norm(front - at["SACR"], axis=1)))
-    parts.add(middle - left * 0.03 * stature, middle + left * 0.03 * stature, 0.46 * depth / stature)
+    parts.append((middle - left * 0.03 * stature, middle + left * 0.03 * stature, 0.46 * depth / stature))
 
     neck = at["C7"] + (ahead * 0.045 - up * 0.03) * stature
     for side in (-1, 1):
-        parts.add(middle + left * side * 0.03 * stature, neck + (left * side * 0.04 - up * 0.06) * stature, 0.055)
-    parts.add(neck, head, 0.032)
-    parts.add(head - up * 0.04 * stature, head + up * 0.01 * stature, 0.052)
+        chest = neck + (left * side * 0.04 - up * 0.06) * stature
+        parts.append((middle + left * side * 0.03 * stature, chest, 0.055))
+    parts += (neck, head, 0.032), (head - up * 0.04 * stature, head + up * 0.01 * stature, 0.052)
     for letter, side in (("L", 1), ("R", -1)):
         hip = front - (ahead * HIP[0] - left * side * HIP[1] + up * HIP[2]) * width
-        _leg(parts, at, letter, hip, -left * side)
-        _arm(parts, at, letter, neck, -left * side, up)
-    return Flesh(np.stack(parts.start, axis=1), np.stack(parts.end, axis=1), np.array(parts.radius), axes, stature)
+        parts += _leg(at, stature, letter, hip, -left * side)
+        parts += _arm(at, stature, letter, neck, -left * side, up)
+    start, end, radius = zip(*parts, strict=True)
+    return Flesh(np.stack(start, axis=1), np.stack(end, axis=1), np.array(radius) * stature, axes, stature)
 
 
 class Move:
@@ -88,18 +91,6 @@ def moved_flesh(body: Flesh, frames: slice, move: Move) -> Flesh:
     return Flesh(start, end, body.radius, move.turn @ body.pelvis[frames], body.stature)
 
 
-class _Parts:
-    """Capsules as they are added; radius in parts of the stature."""
-
-    def __init__(self, stature: float):
-        self.stature, self.start, self.end, self.radius = stature, [], [], []
-
-    def add(self, start: np.ndarray, end: np.ndarray, radius: float):
-        self.start.append(start)
-        self.end.append(end)
-        self.radius.append(radius * self.stature)
-
-
 def _pelvis_axes(at) -> np.ndarray:
     """(T, 3, 3) columns: ahead, left, up."""
     left = at["LASI"] - at["RASI"]
@@ -111,26 +102,24 @@ def _pelvis_axes(at) -> np.ndarray:
     return np.stack([ahead, left, np.cross(ahead, left)], axis=-1)
 
 
-def _leg(parts: _Parts, at, letter: str, hip: np.ndarray, inward: np.ndarray):
-    size = parts.stature
+def _leg(at, size: float, letter: str, hip: np.ndarray, inward: np.ndarray) -> Iterator[_Part]:
     knee = at[letter + "KNE"] + inward * 0.030 * size
     ankle = at[letter + "ANK"] + inward * 0.020 * size
-    parts.add(hip, (hip + knee) / 2, 0.045)
-    parts.add((hip + knee) / 2, knee, 0.034)
-    parts.add(knee, (knee + ankle) / 2, 0.030)
-    parts.add((knee + ankle) / 2, ankle, 0.020)
+    yield hip, (hip + knee) / 2, 0.045
+    yield (hip + knee) / 2, knee, 0.034
+    yield knee, (knee + ankle) / 2, 0.030
+    yield (knee + ankle) / 2, ankle, 0.020
     heel, toe = at[letter + "HEE"], at[letter + "TOE"]
     along = (toe - heel) / np.linalg.norm(toe - heel, axis=1, keepdims=True)
-    parts.add(heel + along * 0.02 * size, ankle, 0.017)
-    parts.add(heel + along * 0.02 * size, toe - [0, 0, 0.015 * size], 0.016)
+    yield heel + along * 0.02 * size, ankle, 0.017
+    yield heel + along * 0.02 * size, toe - [0, 0, 0.015 * size], 0.016
 
 
-def _arm(parts: _Parts, at, letter: str, neck: np.ndarray, inward: np.ndarray, up: np.ndarray):
-    size = parts.stature
+def _arm(at, size: float, letter: str, neck: np.ndarray, inward: np.ndarray, up: np.ndarray) -> Iterator[_Part]:
     shoulder = at[letter + "SHO"] - up * 0.028 * size
     elbow = at[letter + "ELB"] + inward * 0.018 * size
     wrist = (at[letter + "WRA"] + at[letter + "WRB"]) / 2
-    parts.add(shoulder, neck - up * 0.02 * size, 0.028)
-    parts.add(shoulder, elbow, 0.026)
-    parts.add(elbow, wrist, 0.019)
-    parts.add(wrist, at[letter + "FIN"], 0.012)
+    yield shoulder, neck - up * 0.02 * size, 0.028
+    yield shoulder, elbow, 0.026
+    yield elbow, wrist, 0.019
+    yield wrist, at[letter + "FIN"], 0.012

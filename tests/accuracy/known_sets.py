@@ -7,8 +7,7 @@ right. Prints the table of results/known_sets.json.
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from time import process_time
 
@@ -29,10 +28,9 @@ from .whole_takes import Pieces, cut_up, without_names
 PIECES, LONGEST = Pieces(), 3000  # frames of a take that is cut to pieces
 Worn = tuple[Points, Model | None]  # a take, and the set that is worn in it
 FEET = "pigsimple_normal1"  # who wears RMT5 and LMT5, too
-UP = [0, 2, 1]  # axes of takes with y up, which their files do not say
 
 
-def in_set(name: str, takes: Iterator[people.Take]) -> Iterator[Worn]:
+def in_set(name: str, takes: Iterable[people.Take]) -> Iterator[Worn]:
     """Takes in a built-in set, as recorded and cut to pieces."""
     model = open_model(name)
     for take in takes:
@@ -42,13 +40,7 @@ def in_set(name: str, takes: Iterator[people.Take]) -> Iterator[Worn]:
 
 def walkers(markers: tuple[str, ...]) -> Iterator[people.Take]:
     """Five people who stand, walk and turn in such markers."""
-    return (take.of(markers) for take in people.takes(people.everyone()[::2]) if set(markers) <= set(take.markers))
-
-
-def actors(folder: str) -> Iterator[people.Take]:
-    """Takes of actors in the lab's own set."""
-    for take in whole_takes.actors(folder).values():
-        yield replace(take, xyz=take.xyz[..., UP] * [1.0, -1.0, 1.0]) if folder == "actors53" else take
+    return (take.of(markers) for take in people.takes(people.WALKERS[::2]) if set(markers) <= set(take.markers))
 
 
 def serve() -> Iterator[people.Take]:
@@ -69,15 +61,9 @@ def other_labs(keep: Path, *kinds: str) -> Iterator[Worn]:
             yield read_points(place / "cloud.c3d"), built_in if kind == "plugin_gait" else own
 
 
-def treadmill() -> Iterator[Worn]:
-    """A runner in a set that is not known."""
-    take = read_points(people.DATA / "blobs" / "qualisys_run" / "run.c3d")
-    yield without_names(take.xyz[:], take.rate), None
-
-
 def groups(keep: Path) -> dict[str, Callable[[], Iterator[Worn]]]:
     """What is tried."""
-    own = "still", "plates", "animal_hand"
+    own, runner = ("still", "plates", "animal_hand"), read_points(people.DATA / "blobs" / "qualisys_run" / "run.c3d")
     return {
         "`gait15`": lambda: in_set("gait15", walkers(people.GAIT15)),
         "`gait15`, other labs": lambda: in_set(
@@ -87,11 +73,11 @@ def groups(keep: Path) -> dict[str, Callable[[], Iterator[Worn]]]:
         "`body26`, other labs": lambda: in_set("body26", strangers.in_body26()),
         "`body39`, a serve": lambda: in_set("body39", serve()),
         "`body39`, other labs": lambda: other_labs(keep, "plugin_gait"),
-        "`actor41`": lambda: in_set("actor41", actors("cmu41")),
-        "`actor53`": lambda: in_set("actor53", actors("actors53")),
+        "`actor41`": lambda: in_set("actor41", whole_takes.actors("cmu41").values()),
+        "`actor53`": lambda: in_set("actor53", whole_takes.actors("actors53", up="y").values()),
         "own sets, other labs": lambda: other_labs(keep, *own),
         "unknown: other labs": lambda: ((points, None) for points, _ in other_labs(keep, *own)),
-        "unknown: a runner": treadmill,
+        "unknown: a runner": lambda: iter([(without_names(runner.xyz[:], runner.rate), None)]),
     }
 
 

@@ -17,7 +17,6 @@ from addon.core.data.progress import finished
 from addon.core.points.models import Model
 from addon.core.training.described import described, learned
 from addon.io.layouts import open_layout
-from addon.io.points import read_points
 from addon.jobs.models import known_bodies
 from scripts.results import markdown
 
@@ -70,12 +69,9 @@ def trials() -> Iterator[tuple[str, people.Take]]:
 
 
 def named(path: Path, theirs: dict[str, str]) -> people.Take:
-    """A take in a layout's names, without the prefix of whoever wears them."""
-    take = read_points(path)
-    bare = (name.rpartition(":")[2] for name in take.names)
-    really = [people.MISLABELLED.get(path.stem, {}).get(name, name) for name in bare]
-    xyz = people.true_places(path.stem, really, take.xyz)
-    return people.Take(path.stem, path.stem, tuple(theirs.get(name, name) for name in really), xyz, take.rate)
+    """A take in a layout's names."""
+    take = people.read(path, path.stem, up=None)
+    return replace(take, markers=tuple(theirs.get(name, name) for name in take.markers))
 
 
 def model_of(name: str) -> Model:
@@ -93,9 +89,8 @@ def main():
         worn = tuple(marker for marker in model.markerset.markers if marker in take.markers)
         shown = take.of(worn).part(0, FRAMES)
         shown = replace(shown, xyz=shown.xyz[np.isfinite(shown.xyz[..., 0]).sum(axis=1) * 2 >= len(worn)])
-        case = whole_takes.Case(name, (), (shown,), model.markerset.markers)
         with threadpool_limits(1, user_api="blas"):
-            outcome = labelled_points(*whole_takes.anonymous(shown, case, 0), model)
+            outcome = labelled_points(*whole_takes.anonymous(shown, model.markerset.markers), model)
         rows.append([name, take.subject, f"{len(worn)} of {len(model.markerset)}", *shares(counts_of(outcome))])
         print(*rows[-1], outcome.refused, file=sys.stderr, flush=True)
     print(markdown(["layout", "take", "markers worn", "labels", "right", "wrong"], rows))

@@ -192,11 +192,9 @@ def of_actor(keep: Path) -> Group:
     return of_cases([Case("actors53 p1", (other,), (one,), one.markers)], keep, CUTS)
 
 
-def built_in(name: str, takes: Iterator[people.Take], cuts: Iterable[int] = (0,)) -> Group:
-    """Takes of other labs in a built-in set, each cut to pieces so often."""
-    model = open_model(name)
-    for take, cut in product(takes, cuts):
-        yield *cut_up(there_and_back(take), model.markerset.markers, FEW, cut), model, 1
+def built_in(name: str, takes: Iterable[people.Take]) -> Case:
+    """Takes of other labs in a built-in set."""
+    return Case(name, (), tuple(takes), open_model(name).markerset.markers, built_in=name)
 
 
 def of_two(meetings: Iterator[Meeting], keep: Path) -> Group:
@@ -212,8 +210,8 @@ def groups(keep: Path) -> dict[str, Callable[[], Group]]:
     return {
         "walks, `body26` of other people": lambda: of_cases([*known["pieces-body26"]()][:FOLDS], keep),
         "`cmu41`, the others learned": lambda: of_cases([*known["others"]()][:ACTORS], keep),
-        "tennis serve, `body39`": lambda: built_in("body39", serve()),
-        "strangers, `body26`": lambda: built_in("body26", strangers.in_body26(), CUTS),
+        "tennis serve, `body39`": lambda: of_cases([built_in("body39", serve())], keep),
+        "strangers, `body26`": lambda: of_cases([built_in("body26", strangers.in_body26())], keep, CUTS),
         "two walkers, `body26` of other people": lambda: of_two(walkers(2), keep),
         "two of `cmu41`, the others learned": lambda: of_two(acting(ACTING_M), keep),
         "`actors53`, one learned": lambda: of_actor(keep),

@@ -47,7 +47,7 @@ def trials() -> Iterator[tuple[str, people.Take, people.Take]]:
         take = worn(path)
         frame = fullest(take.part(0, max(len(take.xyz) // 3, 1)))
         yield path.stem, take.part(frame, frame + 1), take.part(frame + 1, frame + 1 + FRAMES)
-    for person in people.everyone():
+    for person in people.WALKERS:
         still, walk = (people.read(path, person).of(whole_takes.lab59()) for path in people.files_of(person)[:2])
         frame = fullest(still)
         yield f"{person}, standing", still.part(frame, frame + 1), walk
@@ -66,7 +66,6 @@ def main():
         there = np.isfinite(frame.xyz[0, :, 0])
         markers = tuple(marker for marker, seen in zip(frame.markers, there, strict=True) if seen)
         shown = tested.of(markers)
-        case = whole_takes.Case(name, (), (shown,), markers)
         with threadpool_limits(1, user_api="blas"):
             try:
                 known = LabelledTake("frame", "somebody", markers, frame.of(markers).xyz)
@@ -74,7 +73,7 @@ def main():
             except UserError as error:
                 rows.append([name, str(len(markers)), "", "not learned", str(error)])
                 continue
-            outcome = labelled_points(*whole_takes.anonymous(shown, case, 0), model)
+            outcome = labelled_points(*whole_takes.anonymous(shown, markers), model)
         counts = counts_of(outcome)
         total += counts
         rows.append([name, str(len(markers)), *shares(counts)])

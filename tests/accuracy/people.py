@@ -4,20 +4,19 @@
 import hashlib
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from addon.core.blobs.pipeline import label_take
 from addon.core.data.markersets import MarkerSet
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
 from addon.core.points.models import Model
-from addon.io.markersets import read_markerset
-from addon.io.models import write_model
+from addon.io.models import open_model, write_model
+from addon.io.points import read_points
 from scripts import learn_markersets
 from scripts.learn_markersets import MISLABELLED, WALKERS, true_places
 
@@ -73,17 +72,12 @@ class Take:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One take to be labelled: blobs with their true names, and what the labelling is not told.
-
-    title    says which capture it is, for people to read
-    xyz      (T, M, 3) m where the markers were
-    """
+    """One take to be labelled: which capture it is, for people to read, and blobs with their true names."""
 
     title: str
     cameras: Cameras
     blobs: Blobs
     truth: np.ndarray
-    xyz: np.ndarray
     rate: float
 
 
@@ -93,11 +87,6 @@ def need_people():
         sys.exit("the recorded people are not here; expected them in ../shared/data/people")
 
 
-def everyone() -> tuple[str, ...]:
-    """The ids of all recorded people."""
-    return WALKERS
-
-
 def files_of(person: str) -> list[Path]:
     """One person's files, in the order of `KINDS`."""
     return sorted((MCGILL / person).glob("*.c3d"))
@@ -105,15 +94,13 @@ def files_of(person: str) -> list[Path]:
 
 def takes(people=None, *kinds: str) -> list[Take]:
     """What was recorded of `people` (all when None), of some kinds or of all, in the markers of our sets."""
-    found = zip(people or everyone(), map(files_of, people or everyone()), strict=True)
-    parts = [(person, *pair) for person, files in found for pair in zip(KINDS, files, strict=True)]
+    parts = [(one, *pair) for one in people or WALKERS for pair in zip(KINDS, files_of(one), strict=True)]
     return [_known_markers(path, person, kind) for person, kind, path in parts if not kinds or kind in kinds]
 
 
 def folds(count: int = 5) -> list[tuple[str, ...]]:
     """All people once, in `count` groups that are left out of training together."""
-    people = everyone()
-    return [people[index::count] for index in range(count)]
+    return [WALKERS[index::count] for index in range(count)]
 
 
 @cache
@@ -122,38 +109,22 @@ def _known_markers(path: Path, person: str, kind: str) -> Take:
     return take.of([name for name in take.markers if name in {*GAIT15, *BODY26}])
 
 
-def read(path: Path, subject: str, markers: Sequence[str] | None = None) -> Take:
+def read(path: Path, subject: str, markers: Sequence[str] | None = None, up: str | None = "z") -> Take:
     """A take of a file, markers as they were worn: the labels of some contradict the same person's other takes."""
-    names, xyz, rate = read_c3d(path)
-    names = tuple(MISLABELLED.get(path.stem, {}).get(name, name) for name in names)
+    take = read_points(path, everything=True, up=up)
+    bare = (name.rpartition(":")[2] for name in take.names)
+    names = tuple(MISLABELLED.get(path.stem, {}).get(name, name) for name in bare)
     kept = [index for index, name in enumerate(names) if not name.startswith("*")]
-    xyz = true_places(path.stem, names, xyz)
-    take = Take(subject, path.name, tuple(names[index] for index in kept), xyz[:, kept], rate)
-    return take if markers is None else take.of(markers)
+    xyz = true_places(path.stem, names, take.xyz[:])[:, kept]
+    whole = Take(subject, path.name, tuple(names[index] for index in kept), xyz, take.rate)
+    return whole if markers is None else whole.of(markers)
 
 
 def worn_as(file: str, markers: Sequence[str], theirs: Mapping[str, str]) -> Take:
     """A take of another lab in our markers, z up: the middle of those of its own that `theirs` says stands for one."""
-    names, xyz, rate = read_c3d(DATA / file)
-    if "/actors53/" in file:
-        xyz = xyz[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
-    xyz = true_places(Path(file).stem, names, xyz)
-    own = [[names.index(one) for one in theirs.get(marker, marker).split()] for marker in markers]
-    xyz = np.stack([xyz[:, some].mean(axis=1) for some in own], axis=1)
-    return Take(Path(file).parent.name, Path(file).name, tuple(markers), xyz, rate)
-
-
-def read_c3d(path: Path) -> tuple[tuple[str, ...], np.ndarray, float]:
-    """Names, points (T, P, 3) m and rate of a C3D file; by another reader than the project's, on purpose."""
-    import ezc3d
-
-    file = ezc3d.c3d(str(path))
-    points = file["parameters"]["POINT"]
-    names = tuple(label.split(":")[-1] for label in points["LABELS"]["value"])
-    xyz = file["data"]["points"][:3].transpose(2, 1, 0)
-    unit = {"mm": 0.001, "m": 1.0}[points["UNITS"]["value"][0]]
-    missing = np.isnan(xyz).any(axis=-1) | (xyz == 0).all(axis=-1) | (file["data"]["meta_points"]["residuals"][0].T < 0)
-    return names, np.where(missing[..., None], np.nan, xyz * unit), float(points["RATE"]["value"][0])
+    take = read(DATA / file, Path(file).parent.name, up="y" if "/actors53/" in file else "z")
+    middles = [take.of(theirs.get(marker, marker).split()).xyz.mean(axis=1) for marker in markers]
+    return replace(take, markers=tuple(markers), xyz=np.stack(middles, axis=1))
 
 
 CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
@@ -167,21 +138,22 @@ LEARNED_BY = (
 
 def left_out_model(set_name: str, left_out: tuple[str, ...]) -> MarkerSet:
     """The built-in marker set learned without the people `left_out`; kept for the next run."""
-    path = CACHE / f"{set_name}-without-{'-'.join(left_out)}-{_learning_version()}.json"
-    if not path.exists():
-        learned = learn_markersets.learn_set(learn_markersets.read_people(DATA / "people", left_out), set_name)
-        CACHE.mkdir(parents=True, exist_ok=True)
-        write_model(path, Model(learned))
-    return read_markerset(path)
+    version = digest_of([Path(__file__).resolve().parents[2] / name for name in LEARNED_BY])[:10]
+
+    def learn() -> Model:
+        return Model(learn_markersets.learn_set(learn_markersets.read_people(PEOPLE, left_out), set_name))
+
+    return kept(CACHE / f"{set_name}-without-{'-'.join(left_out)}-{version}.json", learn).markerset
 
 
-@cache
-def _learning_version() -> str:
-    root = Path(__file__).resolve().parents[2]
-    return hashlib.sha256(b"".join((root / name).read_bytes() for name in LEARNED_BY)).hexdigest()[:10]
+def kept(file: Path, make: Callable[[], Model]) -> Model:
+    """A model that is made once."""
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_model(file, make())
+    return open_model(str(file))
 
 
-def labelled(markerset: MarkerSet, trial: Trial) -> np.ndarray:
-    """(N,) the names that the product gives to a capture's blobs without any hint, "" for none."""
-    (chunk,) = label_take([trial.blobs], trial.cameras, markerset, trial.rate)
-    return np.array([*markerset.markers, ""], object)[chunk.labels.marker]
+def digest_of(files: Iterable[Path]) -> str:
+    """A digest of what files hold."""
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()

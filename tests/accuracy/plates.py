@@ -4,6 +4,7 @@
 import numpy as np
 
 from .people import PEOPLE
+from .whole_takes import track
 
 TRAINED, TESTED = (PEOPLE / "clouthier" / f"{name}.c3d" for name in ("KneeltoProne01", "PronetoRun01"))
 # Tracklets that the take is cut into, markers hidden at once at most, and ghosts.
@@ -54,6 +55,4 @@ def _ghost(labelled: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     path = start + np.cumsum(rng.normal(0, 0.002, (length, 3)), axis=0)
     if rng.random() < 0.5:
         path = path + np.nanmean(labelled[here], axis=1) - np.nanmean(labelled[middle], axis=0)
-    column = np.full((frames, 3), np.nan)
-    column[here] = path
-    return column
+    return track(frames, first, path)

@@ -18,7 +18,9 @@ from time import process_time
 import numpy as np
 
 from addon.cli.evaluate import compare
+from addon.core.blobs.pipeline import label_take as label_blobs
 from addon.core.data.errors import JobError, UserError
+from addon.core.data.markersets import MarkerSet
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.evaluation.figures import Figures
@@ -33,7 +35,7 @@ from addon.io.points import read_points
 
 from . import actors, people, plates, real_blobs, strangers, whole_takes
 from .captures import standing, walking
-from .people import labelled, left_out_model
+from .people import left_out_model
 
 PEERS = people.DATA.parent / "tools" / "peers" / "strangers.py"
 STANDING = 40  # captures of one frame of each group of left-out people
@@ -77,7 +79,6 @@ class Outcome:
 class Trial:
     """One take of a case, ready to be labelled."""
 
-    case: str
     take: str
     label: Callable[[], Outcome]
 
@@ -126,32 +127,33 @@ def whole(name: str, keep: Path, parts: int | None = None) -> Iterator[Trial]:
         model = whole_takes.model_of(case, keep)
         tested = whole_takes.in_parts(case, parts).tested if parts else case.tested
         for seed, take in enumerate(tested):
-            points, truth = whole_takes.anonymous(take, case, seed)
+            points, truth = whole_takes.anonymous(take, case.markers, case.how, seed)
             title = f"{case.name} {take.subject}" + f" {seed}" * bool(parts)
-            yield Trial(name, title, partial(labelled_points, points, truth, model))
+            yield Trial(title, partial(labelled_points, points, truth, model))
 
 
 def on_plates(keep: Path) -> Iterator[Trial]:
     """Another take of who was learned from, in 62 markers on plates, cut in three ways."""
-    model = whole_takes.kept(keep / "plates.markerset.json", lambda: taught([plates.TRAINED]))
+    model = people.kept(keep / "plates.markerset.json", lambda: taught([plates.TRAINED]))
     take = read_points(plates.TESTED)
     for tracklets, hidden, ghosts in plates.CUTS:
         xyz, column = plates.cut_up(take.xyz, tracklets, hidden, ghosts, np.random.default_rng(plates.SEED))
         points, truth = whole_takes.without_names(xyz, take.rate), np.where(np.isfinite(xyz[..., 0]), column, -1)
-        yield Trial("plates", f"{tracklets} pieces", partial(labelled_points, points, truth, model))
+        yield Trial(f"{tracklets} pieces", partial(labelled_points, points, truth, model))
 
 
 def together(kind: str, keep: Path, most: int, auto: bool = False) -> Iterator[Trial]:
     """Several people in one take of points."""
     for seed, meeting in enumerate(islice(actors.MEETINGS[kind](), most)):
-        points, truth = actors.pieces_of(meeting, seed)
+        take, hidden = meeting.together(), actors.HIDDEN_EACH * len(meeting.people)
+        points, truth = whole_takes.anonymous(take, take.markers, whole_takes.Pieces(hidden, actors.GHOSTS), seed)
         models = [whole_takes.model_of(one, keep) for one in meeting.own or (meeting.training,)]
         asked = SeveralOptions(model=models[0], count=AUTO if auto else len(meeting.people))
         if meeting.own:
             asked = SeveralOptions(subjects=tuple(Wearer(str(at), model) for at, model in enumerate(models)))
             truth = np.where(truth < sum(len(model.markerset) for model in models), truth, -1)
         title = "auto " * auto + meeting.name
-        yield Trial(f"several {kind}", title, partial(_several, points, truth, asked, len(meeting.people)))
+        yield Trial(title, partial(_several, points, truth, asked, len(meeting.people)))
 
 
 def _several(points: Points, truth: np.ndarray, asked: SeveralOptions, people_there: int) -> Outcome:
@@ -182,25 +184,25 @@ def together_in_images(kind: str, keep: Path, most: int, first_alone: bool = Fal
             own = np.array([true if "1:" in true else "" for true in shot.truth], object)
             shot, asked = replace(shot, truth=own), SeveralOptions(subjects=(Wearer("1", model),))
         count = 1 if first_alone else len(meeting.people)
-        yield Trial(f"blobs of several {kind}", meeting.name, partial(_several_in_images, shot, asked, count))
+        yield Trial(meeting.name, partial(_several_in_images, shot, asked, count))
 
 
-def _several_in_images(shot: actors.Seen, asked: SeveralOptions, count: int) -> Outcome:
+def _several_in_images(shot: people.Trial, asked: SeveralOptions, count: int) -> Outcome:
     names, refused, seconds = timed(lambda: actors.named(shot, asked), np.full(len(shot.blobs), "", object))
     outcomes = []
     for order in permutations(range(1, count + 1)):
         called = {str(number): str(other) for number, other in enumerate(order, 1)}
         own = [called.get(n.partition(":")[0], "?") + ":" + n.partition(":")[2] if n else "" for n in names]
-        outcomes.append(of_blobs(own, shot.truth, shot.blobs.frame, actors.RATE, seconds, refused))
+        outcomes.append(of_blobs(own, shot.truth, shot.blobs.frame, shot.rate, seconds, refused))
     return min(outcomes, key=lambda outcome: outcome.wrong.sum())
 
 
-def in_images(case: str, trials: Callable, name: str, count: int | None, **more) -> Iterator[Trial]:
+def in_images(trials: Callable, name: str, count: int | None, **more) -> Iterator[Trial]:
     """Captures of left-out people, as `trials(markers, people, count, seed, …)` makes them."""
     for fold in people.folds():
         markerset = left_out_model(name, fold)
         for trial in trials(markerset.markers, fold, count, **{"seed": 1, **more}):
-            yield Trial(case, trial.title, partial(_in_image, trial, markerset))
+            yield Trial(trial.title, partial(_in_image, trial, markerset))
 
 
 def of_strangers(name: str, count: int, chosen_on: bool = False) -> Iterator[Trial]:
@@ -208,11 +210,15 @@ def of_strangers(name: str, count: int, chosen_on: bool = False) -> Iterator[Tri
     for title, left_out, trials in strangers.cases(chosen_on, count):
         markerset = left_out_model(name, left_out)
         for trial in trials:
-            yield Trial("blobs strangers", f"{title} {trial.title}", partial(_in_image, trial, markerset))
+            yield Trial(f"{title} {trial.title}", partial(_in_image, trial, markerset))
 
 
-def _in_image(trial, markerset) -> Outcome:
-    names, refused, seconds = timed(lambda: labelled(markerset, trial), np.full(len(trial.blobs), "", object))
+def _in_image(trial: people.Trial, markerset: MarkerSet) -> Outcome:
+    def labelled() -> np.ndarray:
+        (chunk,) = label_blobs([trial.blobs], trial.cameras, markerset, trial.rate)
+        return np.array([*markerset.markers, ""], object)[chunk.labels.marker]
+
+    names, refused, seconds = timed(labelled, np.full(len(trial.blobs), "", object))
     return of_blobs(names, trial.truth, trial.blobs.frame, trial.rate, seconds, refused)
 
 
@@ -225,28 +231,16 @@ def recorded(keep: Path) -> Iterator[Trial]:
         real_blobs.learn(folder)
     for title, without in (("all cameras", ()), ("without the moved", real_blobs.MOVED)):
         files = real_blobs.recorded(folder / title.replace(" ", "-"), model, without)
-        yield Trial("real blobs", title, partial(_recorded, files, folder / "out"))
+        yield Trial(title, partial(_recorded, files, folder / "out"))
 
 
 def _recorded(files, out: Path) -> Outcome:
     labels, seconds = real_blobs.labelled(files, out)
-    rows = _Rows()
-    compare(labels, files.truth, rows, real_blobs.TESTED)
-    return of_blobs(rows.names, rows.truth, np.array(rows.frame), files.rate, seconds)
-
-
-class _Rows(Figures):
-    """The rows that a comparison finds."""
-
-    def __init__(self):
-        super().__init__()
-        self.frame, self.names, self.truth = [], [], []
-
-    def add(self, frame, camera, given, truth, step=None):
-        """See `Figures.add`."""
-        self.frame += frame
-        self.names += given
-        self.truth += truth
+    rows, figures = [], Figures()
+    figures.add = lambda frame, camera, given, truth, step=None: rows.extend(zip(frame, given, truth, strict=True))
+    compare(labels, files.truth, figures, real_blobs.TESTED)
+    frame, names, truth = zip(*rows, strict=True)
+    return of_blobs(names, truth, np.array(frame), files.rate, seconds)
 
 
 def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
@@ -262,10 +256,10 @@ def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
             try:
                 write_model(first, taught(files))
             except UserError as error:
-                yield Trial(f"strangers {kind}", place.name, partial(_untaught, place, str(error)))
+                yield Trial(place.name, partial(_untaught, place, str(error)))
                 continue
         model = open_model("body39" if kind == "plugin_gait" else str(first))
-        yield Trial(f"strangers {kind}", place.name, partial(_of_other_lab, place, model))
+        yield Trial(place.name, partial(_of_other_lab, place, model))
 
 
 def taught(files: list[Path]) -> Model:
@@ -300,26 +294,15 @@ def of_parts(keep: Path) -> Iterator[Trial]:
         if trial.take != "btk_two_sets":
             place = keep / "strangers" / "plugin_gait" / trial.take
             for part, worn in parts.items():
-                yield Trial("strangers in part", f"{trial.take} {part}", partial(_of_other_lab, place, model, worn))
+                yield Trial(f"{trial.take} {part}", partial(_of_other_lab, place, model, worn))
 
 
-def as_recorded() -> Iterator[Trial]:
-    """Whole trajectories of actors and others, whose own markers stand for those of `body26`."""
+def of_strangers_takes(how: whole_takes.Pieces | None) -> Iterator[Trial]:
+    """Takes of actors and others, whose own markers stand for those of `body26`: whole trajectories or pieces."""
     model = open_model("body26")
     for take in strangers.in_body26():
-        there = np.isfinite(take.xyz[..., 0])
-        truth = np.where(there, [model.markerset.index(name) for name in take.markers], -1)
-        points = whole_takes.without_names(take.xyz, take.rate)
-        yield Trial("points as recorded", take.name, partial(labelled_points, points, truth, model))
-
-
-def in_pieces() -> Iterator[Trial]:
-    """The same takes, cut to pieces among ghosts."""
-    model = open_model("body26")
-    for take in strangers.in_body26():
-        case = whole_takes.Case("", (), (take,), model.markerset.markers)
-        points, truth = whole_takes.anonymous(take, case, 0)
-        yield Trial("strangers body26", take.name, partial(labelled_points, points, truth, model))
+        points, truth = whole_takes.anonymous(take, model.markerset.markers, how)
+        yield Trial(take.name, partial(labelled_points, points, truth, model))
 
 
 def _of_other_lab(place: Path, model: Model, worn: AbstractSet[str] | None = None) -> Outcome:
@@ -349,8 +332,8 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
         found[f"points {name}"] = partial(whole, name, keep)
     for name in ("own", "others"):
         found[f"short {name}"] = partial(whole, name, keep, SHORT)
-    found["points as recorded"] = as_recorded
-    found["strangers body26"] = in_pieces
+    found["points as recorded"] = partial(of_strangers_takes, None)
+    found["strangers body26"] = partial(of_strangers_takes, whole_takes.Pieces())
     found["plates"] = partial(on_plates, keep)
     for kind in actors.MEETINGS:
         found[f"several {kind}"] = partial(together, kind, keep, 10)
@@ -359,13 +342,11 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
         found[f"blobs of several {kind}"] = partial(together_in_images, kind, keep, 8)
     found["blobs of several passing, one asked for"] = partial(together_in_images, "passing", keep, 8, True)
     for name in ("gait15", "body26"):
-        found[f"blobs standing {name}"] = partial(in_images, f"blobs standing {name}", standing, name, STANDING)
+        found[f"blobs standing {name}"] = partial(in_images, standing, name, STANDING)
         for title, more in WALKED.items():
-            case = f"blobs walking{title} {name}"
-            found[case] = partial(in_images, case, walking, name, None, **more)
+            found[f"blobs walking{title} {name}"] = partial(in_images, walking, name, None, **more)
         for title, more in CURVES.items():
-            case = f"curve {title} {name}"
-            found[case] = partial(in_images, case, standing, name, CURVE, **more)
+            found[f"curve {title} {name}"] = partial(in_images, standing, name, CURVE, **more)
     found["blobs strangers"] = partial(of_strangers, "body26", DRAWS)
     found["strangers' frames that numbers were chosen on"] = partial(of_strangers, "body26", DRAWS, True)
     found["blobs real"] = partial(recorded, keep)

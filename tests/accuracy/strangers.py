@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from addon.core.geometry.rotations import exponential
-from addon.core.simulation.rigs import paper_rig
-from addon.core.simulation.simulate import CaptureOptions
 
 from . import people
-from .captures import captured, moved_anywhere
+from .captures import captured_frame
 from .flesh import Flesh, flesh
 from .people import Trial
 
@@ -107,8 +105,7 @@ def posed_people(persons, count: int) -> Iterator[Trial]:
 def _captured(take: people.Take, body: Flesh, frame: int, generator: np.random.Generator, number: int) -> Trial:
     xyz = take.xyz[frame]
     middle = np.append(np.nanmean(xyz[:, :2], axis=0), np.nanmin(xyz[:, 2]) - 0.03)
-    move, title = moved_anywhere(middle, generator), f"{take.subject} frame {frame} trial {number}"
-    return captured(title, take, body, frame, move, paper_rig(generator), generator, CaptureOptions())
+    return captured_frame(f"{take.subject} frame {frame} trial {number}", take, body, frame, middle, generator)
 
 
 def _arms_set(xyz: np.ndarray, generator) -> np.ndarray:

@@ -6,6 +6,7 @@ import pkgutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, is_dataclass
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import numpy as np
@@ -87,11 +88,8 @@ def _as_it_is(self, *given) -> np.ndarray:
     return self.best.marker
 
 
-class NothingInTheWay:
-    """The occlusion of cameras that see through everything."""
-
-    def hidden(self, rotations, joints, scale, markers, centres) -> np.ndarray:
-        return np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
+def _nothing_hidden(rotations, joints, scale, markers, centres) -> np.ndarray:
+    return np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
 
 
 CORE = addon.core.__name__
@@ -135,7 +133,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda _, track, *__: track},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
-    "blobs: occlusion": {"blobs.subject.CapsuleOcclusion": lambda *_: NothingInTheWay()},
+    "blobs: occlusion": {"blobs.subject.CapsuleOcclusion": lambda *_: SimpleNamespace(hidden=_nothing_hidden)},
 }
 if has_blender():
     # Rays are cast at the capsules' meshes instead.

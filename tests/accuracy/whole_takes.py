@@ -16,15 +16,16 @@ import numpy as np
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.points.models import Model
+from addon.core.review.suspects import runs
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.markersets import builtin_markersets, open_markerset
-from addon.io.models import open_model, write_model
+from addon.io.models import open_model
 
 from .. import recorded
 from ..core.scenes import anonymous as without_names
 from .partial.clouds import Trouble, drawn, placed_differently, spoilt
-from .people import BODY26, DATA, GAIT15, OTHERS, Take, everyone, files_of, read, worn_as
+from .people import BODY26, DATA, GAIT15, OTHERS, WALKERS, Take, files_of, kept, read, worn_as
 
 BURST_FRAMES = 20  # that a marker is hidden
 MIN_PIECE_FRAMES = 3
@@ -80,13 +81,18 @@ class Case:
     built_in: str = ""
 
 
-def anonymous(take: Take, case: Case, seed: int) -> tuple[Points, np.ndarray]:
-    """A take without names, as the case has it, and the marker's index of every point (T, P), -1 for what is none."""
-    if isinstance(case.how, Pieces):
-        points, marker = cut_up(take, case.markers, case.how, seed)
+def anonymous(
+    take: Take, markers: Sequence[str], how: Pieces | Trouble | None = Pieces(), seed: int = 0
+) -> tuple[Points, np.ndarray]:
+    """A take without names, as it is where nothing says how, and the marker's index of every point (T, P), or -1."""
+    if how is None:
+        index = [markers.index(name) for name in take.markers]
+        return without_names(take.xyz, take.rate), np.where(np.isfinite(take.xyz[..., 0]), index, -1)
+    if isinstance(how, Pieces):
+        points, marker = cut_up(take, markers, how, seed)
         return points, np.where(points.present, marker, -1)
     rng = np.random.default_rng(seed)
-    clouds = spoilt(drawn(take.xyz, min(len(take.xyz), CLOUDS), rng), case.how, rng)
+    clouds = spoilt(drawn(take.xyz, min(len(take.xyz), CLOUDS), rng), how, rng)
     return without_names(clouds.points, take.rate), clouds.truth
 
 
@@ -99,31 +105,31 @@ def cut_up(take: Take, markers: Sequence[str], how: Pieces, seed: int = 0) -> tu
         xyz[first : first + BURST_FRAMES, gone] = np.nan
     tracks, truth = [], []
     for index, name in enumerate(take.markers):
-        seen = np.isfinite(xyz[:, index, 0])
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], seen.astype(int), [0]])))
-        for first, after in edges.reshape(-1, 2).tolist():
+        for first, after in runs(np.isfinite(xyz[:, index, 0])):
             if after - first >= MIN_PIECE_FRAMES:
-                track = np.full((len(xyz), 3), np.nan)
-                track[first:after] = xyz[first:after, index]
-                tracks.append(track)
+                tracks.append(track(len(xyz), first, xyz[first:after, index]))
                 truth.append(markers.index(name) if name in markers else -1)
     for _ in range(how.ghosts):
         first, length = rng.integers(0, max(len(xyz) - 60, 1)), int(rng.integers(20, 60))
-        track = np.full((len(xyz), 3), np.nan)
-        length = min(length, len(xyz) - first)
-        track[first : first + length] = np.nanmean(xyz[first], axis=0) + rng.normal(0, 0.3, 3)
-        track[first : first + length] += np.cumsum(rng.normal(0, 0.002, (length, 3)), axis=0)
-        tracks.append(track)
+        start, length = np.nanmean(xyz[first], axis=0) + rng.normal(0, 0.3, 3), min(length, len(xyz) - first)
+        tracks.append(track(len(xyz), first, start + np.cumsum(rng.normal(0, 0.002, (length, 3)), axis=0)))
         truth.append(-1)
     order = rng.permutation(len(tracks))
     return without_names(np.stack(tracks, axis=1)[:, order], take.rate), np.array(truth)[order]
 
 
-def actors(folder: str) -> dict[str, Take]:
+def track(frames: int, first: int, path: np.ndarray) -> np.ndarray:
+    """A trajectory (frames, 3) m that has a path (F, 3) from a frame on, and nothing else."""
+    found = np.full((frames, 3), np.nan)
+    found[first : first + len(path)] = path
+    return found
+
+
+def actors(folder: str, up: str = "z") -> dict[str, Take]:
     """The takes of `cmu41` or `actors53`, with the markers in one order."""
     paths = recorded.takes(DATA, *(one for one in recorded.ACTORS if f"/{folder}/" in one))
     first = read(paths[0], "").markers
-    return {path.parent.name: read(path, path.parent.name, first) for path in paths}
+    return {path.parent.name: read(path, path.parent.name, first, up) for path in paths}
 
 
 def walks(persons: Sequence[str]) -> list[Take]:
@@ -134,7 +140,7 @@ def walks(persons: Sequence[str]) -> list[Take]:
 @cache
 def lab59() -> tuple[str, ...]:
     """The physical markers that all walks show: Vicon writes a model's outputs in names that end otherwise."""
-    taken = [read(files_of(person)[1], person) for person in everyone()]
+    taken = [read(files_of(person)[1], person) for person in WALKERS]
     seen = [{name for name in take.markers if np.isfinite(take.of([name]).xyz).any()} for take in taken]
     return tuple(sorted(PHYSICAL.intersection(*seen)))
 
@@ -142,8 +148,8 @@ def lab59() -> tuple[str, ...]:
 PHYSICAL = frozenset(
     "LFHD RFHD LBHD RBHD C7 T2 T6 T10 T12 CLAV STRN RBAK LSHO RSHO LELB RELB LWRA LWRB RWRA RWRB LFIN RFIN LASI RASI "  # noqa: SIM905
     "SACR LTHI RTHI LKNE RKNE LKNM RKNM LTUB RTUB LHFB RHFB LTIB RTIB LSHN RSHN LANK RANK LMMA RMMA LHEE RHEE "
-    "LSTL RSTL LLCA RLCA LCPG RCPG LP1M RP1M LD1M RD1M LP5M RP5M LD5M RD5M LTOE RTOE LHLX RHLX LNAV RNAV LPCA RPCA "
-    "LTIB1 LTIB2 LTIB3 RTIB1 RTIB2 RTIB3".split()
+    "LSTL RSTL LLCA RLCA LCPG RCPG LP1M RP1M LD1M RD1M LP5M RP5M LD5M RD5M LTOE RTOE LHLX RHLX LNAV RNAV LPCA "
+    "RPCA".split()
 )
 
 
@@ -170,18 +176,16 @@ def case_frame() -> Iterator[Case]:
 
 def case_lab(count: int) -> Iterator[Case]:
     """The walks of so many people learned, six strangers' walks of the same lab labelled, 59 markers."""
-    persons = everyone()
     for first in (0, 4):
-        own = [persons[(first + step) % len(persons)] for step in range(count)]
-        tested = [persons[(first + count + step) % len(persons)] for step in range(6)]
+        own = [WALKERS[(first + step) % len(WALKERS)] for step in range(count)]
+        tested = [WALKERS[(first + count + step) % len(WALKERS)] for step in range(6)]
         yield Case(f"lab-{count} {own[0]}", tuple(walks(own)), tuple(walks(tested)), lab59())
 
 
 def case_few(name: str, markers: tuple[str, ...], crowd: bool) -> Iterator[Case]:
     """A built-in set learned from five people, the walks of the other five labelled; among all markers in a crowd."""
-    persons = everyone()
     for first in (0, 1):
-        own, tested = persons[first::2], persons[1 - first :: 2]
+        own, tested = WALKERS[first::2], WALKERS[1 - first :: 2]
         training = tuple(
             read(path, person).of(markers)
             for person in own
@@ -217,7 +221,7 @@ def case_clouds_elsewhere(trouble: Trouble) -> Iterator[Case]:
 def case_clouds_of_actors(trouble: Trouble) -> Iterator[Case]:
     """`gait15` of four actors' lab, who do not walk, and ten strangers' walks, their frames in random order."""
     training = tuple(in_gait15(file) for file in ("ball", "bd", "s02", "s135"))
-    tested = tuple(_cloudy(take.of(GAIT15)) for take in walks(everyone()))
+    tested = tuple(_cloudy(take.of(GAIT15)) for take in walks(WALKERS))
     yield Case("clouds of actors", training, tested, GAIT15, trouble)
 
 
@@ -270,28 +274,16 @@ def in_parts(case: Case, frames: int) -> Case:
     return replace(case, name=f"{case.name}, {frames} frames", tested=tuple(parts))
 
 
-def model_of(case: Case, keep: Path | None) -> Model:
+def model_of(case: Case, keep: Path) -> Model:
     """The model that the case's takes teach; read again where it was kept."""
     if case.built_in:
         return open_model(case.built_in)
-    return kept(keep / f"{case.name.replace(' ', '-')}.markerset.json", lambda: taught(case)) if keep else taught(case)
-
-
-def taught(case: Case) -> Model:
-    """The model that the case's takes teach."""
     takes = [LabelledTake(take.name, take.subject, take.markers, take.xyz) for take in case.training]
-    return learned(case.name, takes, case.markers)
+    file = keep / f"{case.name.replace(' ', '-')}.markerset.json"
+    return kept(file, lambda: learned(case.name, takes, case.markers))
 
 
 def learned(name: str, takes: list[LabelledTake], markers: tuple[str, ...]) -> Model:
     """The model that labelled takes teach, with the default options but for partial solvers."""
     bodies = [open_markerset(one) for one in builtin_markersets()]
     return finished(train(takes, markers, TrainingOptions(name, search="none"), None, bodies)).model
-
-
-def kept(file: Path, make: Callable[[], Model]) -> Model:
-    """A model that is made once."""
-    if not file.exists():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_model(file, make())
-    return open_model(str(file))

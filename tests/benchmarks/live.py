@@ -8,13 +8,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from scripts.results import markdown
 from tests.accuracy import whole_takes
 from tests.accuracy.actors import ACTING_M, acting
 from tests.accuracy.known_sets import serve
 from tests.accuracy.people import Take
 from tests.io.streams.servers import QtmServer, there_and_back
 
-from .room import in_window
+from .in_window import in_window
 
 COLUMNS = (
     "take", "frames a second", "redraws a second", "with a new frame", "ms of the processor a redraw",
@@ -44,9 +45,7 @@ def main():
         age = " / ".join(f"{one:.0f}" for one in delays) or "none"
         rows.append([name, *row, age, f"{named:.1f}", str(seen["late"])])
         print(rows[-1], flush=True)
-    print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
-    for row in rows:
-        print(f"| {' | '.join(row)} |")
+    print(markdown(COLUMNS, rows))
 
 
 if __name__ == "__main__":

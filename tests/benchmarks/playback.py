@@ -8,7 +8,7 @@ import numpy as np
 
 from scripts.virtual_take import write_virtual_points
 
-from .room import in_window
+from .in_window import in_window
 
 FRAMES = 20_000
 

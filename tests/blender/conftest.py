@@ -29,7 +29,7 @@ from addon.io.points import write_c3d  # noqa: E402
 from addon.scene.take import Take, show_take  # noqa: E402
 from tests.core.toybody import made_up  # noqa: E402
 
-from .hands import FRAMES, GHOST, MODULE, ours, press, stored_take  # noqa: E402
+from .hands import FRAMES, GHOST, MODULE, ours, press  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -80,12 +80,8 @@ def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> takes.Mot
     model, time = BodyModel(markerset), np.linspace(0, 1, count)
     bends = 0.5 * np.sin(time[:, None, None] * 6 + np.arange(len(markerset.skeleton))[None, :, None] + np.arange(3))
     bends[:, 0] = 0
-    bodies = replace(
-        model.rest(count, 1.6),
-        translation=np.column_stack([time - 0.5, 0.3 * time, np.zeros(count)]),
-        quaternion=rotations.about_z(5 * time),
-        bends=bends,
-    )
+    bodies = replace(model.rest(count, 1.6), quaternion=rotations.about_z(5 * time), bends=bends)
+    bodies.translation[:] = np.column_stack([time - 0.5, 0.3 * time, np.zeros(count)])
     posed, size = model.pose(bodies), (count, len(markerset))
     markers = posed.markers.copy()
     markers[count // 3 : count // 2, 2] = np.nan
@@ -96,16 +92,8 @@ def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> takes.Mot
             part[3:5] = np.nan
         confidence[3:5] = 0
     residual = np.where(np.isfinite(markers).all(axis=2), 0.001, np.nan)
-    return takes.Motion(
-        np.arange(first, first + count),
-        markers,
-        residual=residual,
-        residual_px=residual * 300,
-        conflicts=np.zeros(size, dtype=int),
-        scale=bodies.scale,
-        confidence=confidence,
-        **parts,
-    )
+    parts |= {"residual": residual, "residual_px": residual * 300, "scale": bodies.scale, "confidence": confidence}
+    return takes.Motion(np.arange(first, first + count), markers, conflicts=np.zeros(size, dtype=int), **parts)
 
 
 def make_blobs(markerset: MarkerSet, cameras: Cameras, motion: takes.Motion) -> tuple[takes.Blobs, takes.Labels]:
@@ -115,23 +103,20 @@ def make_blobs(markerset: MarkerSet, cameras: Cameras, motion: takes.Motion) -> 
     )
     xy = cameras.project(motion.expected).transpose(1, 0, 2, 3)
     seen = ~hidden & (xy > 0).all(axis=3) & (xy < cameras.size[:, None]).all(axis=3)
+    ghost = np.broadcast_to(np.arange(len(cameras))[:, None] == 0, (*seen.shape[:2], 1))
+    seen = np.concatenate([seen, ghost], axis=2)
+    xy = np.concatenate([xy, np.broadcast_to([30.0, 40.0], (*ghost.shape, 2))], axis=2)
     frame, camera, marker = np.nonzero(seen)
-    count = len(motion.frames)
-    frame = np.concatenate([frame, np.arange(count)])
-    camera = np.concatenate([camera, np.zeros(count, dtype=int)])
-    marker = np.concatenate([marker, np.full(count, takes.NO_MARKER)])
-    places = np.concatenate([xy[seen], np.tile([30.0, 40.0], (count, 1))])
-    order = np.lexsort((camera, frame))
-    frame, camera, marker, places = frame[order], camera[order], marker[order], places[order]
-    named = marker != takes.NO_MARKER
+    named = marker < len(markerset)
+    marker = np.where(named, marker, takes.NO_MARKER)
     step = np.where(named, np.array([takes.EXCLUSIVE, takes.CONFLICT, takes.REMAINING])[marker % 3], 0)
-    blobs = takes.Blobs(motion.frames, frame, camera, places, np.full(len(frame), np.nan))
+    blobs = takes.Blobs(motion.frames, frame, camera, xy[seen], np.full(len(frame), np.nan))
     return blobs, takes.Labels(marker, step, np.where(named, 0.9, 0.0))
 
 
-def make_take(frames: int = 20, lens: float = 0.0, name: str = "walk") -> Take:
-    """A labelled take of the small person."""
-    markerset, cameras = make_markerset(), make_cameras(lens)
+def make_take(frames: int = 20, lens: float = 0.0, name: str = "walk", markerset: MarkerSet | None = None) -> Take:
+    """A labelled take of the small person, or of one who wears another marker set."""
+    markerset, cameras = markerset or make_markerset(), make_cameras(lens)
     motion = make_motion(markerset, frames)
     blobs, labels = make_blobs(markerset, cameras, motion)
     suspects = (takes.Suspect(104, 105, "nobody found"), takes.Suspect(110, 112, "left and right may be exchanged"))
@@ -216,10 +201,7 @@ def settings(extension, empty):
 @pytest.fixture
 def shown(empty, made, extension) -> Take:
     """A take of a whole body, in the scene, that bends every joint while it walks and turns, two frames of it lost."""
-    small, markerset = made.take(24), open_markerset("body26")
-    motion = made.motion(markerset, 24)
-    rows, labels = made.blobs(markerset, small.cameras, motion)
-    take = replace(small, rate=60.0, markerset=markerset, motion=motion, rows=rows, labels=labels)
+    take = replace(made.take(24, markerset=open_markerset("body26")), rate=60.0)
     empty.scene.mocap_autolabel.take = show_take(empty, take)
     return take
 
@@ -244,25 +226,21 @@ def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
     return know
 
 
-@pytest.fixture
-def suspects(extension) -> Callable[[], list[tuple[int, int, str]]]:
-    """What is doubted of the active take now: first and last of Blender's frames, and why."""
-
-    def of_active_take() -> list[tuple[int, int, str]]:
-        stored = stored_take()
-        shown = stored.clock.shown
-        return [(shown(one.first), shown(one.last), one.reason) for one in stored.suspects]
-
-    return of_active_take
-
-
 def write_walk(folder: Path, xyz: np.ndarray, markerset: MarkerSet, rate: float = 60.0) -> SimpleNamespace:
     """Writes a take of points without names, walk.c3d, and the marker set that is worn in it."""
     residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    write_c3d(folder / "walk.c3d", takes.Points(("",) * xyz.shape[1], xyz, residual, rate, 101))
-    write_model(folder / "small.markerset.json", Model(markerset))
-    take, edits = folder / "walk.c3d", folder / "walk.edits.json"
-    return SimpleNamespace(folder=folder, take=take, edits=edits, xyz=xyz, names=markerset.markers)
+    take, worn = folder / "walk.c3d", folder / "small.markerset.json"
+    write_c3d(take, takes.Points(("",) * xyz.shape[1], xyz, residual, rate, 101))
+    write_model(worn, Model(markerset))
+    own = {"edits": folder / "walk.edits.json", "markerset": str(worn)}
+    return SimpleNamespace(folder=folder, take=take, xyz=xyz, names=markerset.markers, **own)
+
+
+def write_walk_and_ghost(folder: Path, frames=FRAMES, ghost=(1.5, 1.5, 0.2), rate=60.0) -> SimpleNamespace:
+    """Writes a take of the small person, a trajectory a marker, and a ghost's behind them."""
+    markerset = make_markerset()
+    xyz = np.concatenate([make_motion(markerset, frames).markers, np.tile(ghost, (frames, 1, 1))], axis=1)
+    return write_walk(folder, xyz, markerset, rate)
 
 
 def write_room(folder: Path, frames: int, lens: float = 0.0) -> SimpleNamespace:
@@ -288,6 +266,13 @@ def open_room(files: SimpleNamespace):
     bpy.context.scene.mocap_autolabel.source.rate = 60.0
 
 
+def labelled_by_job(files, out: Path, **more) -> Path:
+    """The folder in which the job of the command line has labelled the take of points."""
+    jobs = ours("jobs")
+    finished(jobs.label_file(jobs.LabelJob(files.take, None, str(files.folder / "small.markerset.json"), out, **more)))
+    return out
+
+
 def label_walk(folder: Path):
     """Labels the take that `write_walk` wrote by the extension's buttons."""
     press("import_points", filepath=folder / "walk.c3d")
@@ -295,12 +280,16 @@ def label_walk(folder: Path):
     press("label")
 
 
+def rows_of_export(path) -> list[list[str]]:
+    """The rows of the labels, as they are exported."""
+    press("export_labels", filepath=path)
+    return [line.split(",") for line in path.read_text().splitlines()[1:]]
+
+
 @pytest.fixture
-def files(tmp_path, made):
+def files(tmp_path):
     """A take of points of a person, a trajectory a marker and a ghost behind them."""
-    ghost = np.tile([1.5, 1.5, 0.2], (FRAMES, 1, 1))
-    markerset = made.markerset()
-    return write_walk(tmp_path, np.concatenate([made.motion(markerset, FRAMES).markers, ghost], axis=1), markerset)
+    return write_walk_and_ghost(tmp_path)
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.progress import finished
 from addon.scene import naming
+from addon.scene.ownership import curves_of
 
 MODULE = "bl_ext.mocap_tests.mocap_autolabel"
 FRAMES = 30
@@ -28,17 +28,10 @@ def stored_take():
     return ours("scene.opened").opened.take(scene.mocap_autolabel.take, scene)
 
 
-def labelled_by_job(files, out: Path, **more) -> Path:
-    """The folder in which the job of the command line has labelled the take of points."""
-    jobs = ours("jobs")
-    finished(jobs.label_file(jobs.LabelJob(files.take, None, str(files.folder / "small.markerset.json"), out, **more)))
-    return out
-
-
-def shown() -> dict[str, bpy.types.Object]:
-    """The empties of the active take."""
-    take = bpy.context.scene.mocap_autolabel.take
-    return {item[naming.MARKER]: item for item in take.all_objects if naming.MARKER in item}
+def shown(take: bpy.types.Collection | None = None) -> dict[str, bpy.types.Object]:
+    """The empties of a take, or of the active one."""
+    items = (take or bpy.context.scene.mocap_autolabel.take).all_objects
+    return {item[naming.MARKER]: item for item in items if naming.MARKER in item}
 
 
 def only(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
@@ -57,6 +50,13 @@ def bones(frames=range(101, 101 + FRAMES), home=None) -> np.ndarray:
     return np.array(found)
 
 
+def add_object(name: str, data: bpy.types.ID | None = None) -> bpy.types.Object:
+    """Something of a person's own in the scene, an empty unless it has data."""
+    item = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(item)
+    return item
+
+
 def list_performers(folder: Path, *names: str):
     """Puts performers into the list, who wear the small marker set of a folder."""
     subjects = bpy.context.scene.mocap_autolabel.subjects
@@ -70,6 +70,12 @@ def list_performers(folder: Path, *names: str):
 def session():
     """What the window shows and no file keeps: lists, what is picked, what is going on."""
     return bpy.context.window_manager.mocap_autolabel
+
+
+def suspects() -> list[tuple[int, int, str]]:
+    """What is doubted of the active take: first and last of Blender's frames, and why."""
+    stored = stored_take()
+    return [(stored.clock.shown(one.first), stored.clock.shown(one.last), one.reason) for one in stored.suspects]
 
 
 def picked() -> list[int]:
@@ -88,15 +94,10 @@ def choose(*names: str):
 
 def keys_of(name: str) -> np.ndarray:
     """(K, 4) the keyed frames of a marker, and where it is in them."""
-    data = shown()[name].animation_data
-    bag = data.action.layers[0].strips[0].channelbag(data.action_slot)
-    curves = [[key.co for key in curve.keyframe_points] for curve in bag.fcurves if curve.data_path == "location"]
-    assert len(curves) in (0, 3)
-    return (
-        np.column_stack([np.array(curves[0])[:, 0], *(np.array(c)[:, 1] for c in curves)])
-        if curves
-        else np.empty((0, 4))
-    )
+    own = [curve for curve in curves_of(shown()[name]) if curve.data_path == "location"]
+    keys = [np.array([key.co for key in curve.keyframe_points]) for curve in own]
+    assert len(keys) in (0, 3)
+    return np.column_stack([keys[0][:, 0], *(one[:, 1] for one in keys)]) if keys else np.empty((0, 4))
 
 
 def follows(files, name: str, point: int, frames: slice = slice(None)):
@@ -107,11 +108,6 @@ def follows(files, name: str, point: int, frames: slice = slice(None)):
     mine = keys[np.isin(keys[:, 0], 101 + np.arange(FRAMES)[frames])]
     assert mine[:, 0].tolist() == (101 + wanted).tolist()
     np.testing.assert_allclose(mine[:, 1:], files.xyz[wanted, point], atol=1e-5)
-
-
-def rows_of_export(path) -> list[list[str]]:
-    press("export_labels", filepath=path)
-    return [line.split(",") for line in path.read_text().splitlines()[1:]]
 
 
 def call(operator: str, *how: str | bool, **given) -> set[str]:

@@ -6,6 +6,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -20,61 +21,38 @@ from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras, write_cameras
 from addon.scene import cameras as scene_cameras
 from addon.scene.cameras import kept_health, kept_refinement
+from addon.scene.pictures import open_pictures
 from tests.blender.conftest import open_room, write_room
 from tests.core.calibration.test_adjusting import image_error, moved
 from tests.inputs.pictures import NAMES, SIZE, assert_at, places, write_studio
 
-from .hands import ours, press, refused
-
-FIELDS = ("size", "matrix", "distortion", "rotation", "translation", "inverse")
+from .hands import add_object, ours, press, refused
 
 
-def test_blender_sees_points_where_the_calibration_puts_them(empty, made):
-    cameras, scene = made.cameras(), empty.scene
-    collection = scene_cameras.add_cameras(scene, cameras)
-    points = np.random.default_rng(1).uniform([-1, -1, 0], [1, 1, 2], (50, 3))
-    expected = cameras.project(points)
-    for index, camera in enumerate(collection.objects):
-        scene_cameras.look_through(scene, camera)
-        empty.view_layer.update()
-        view = np.array([world_to_camera_view(scene, camera, Vector(point)) for point in points])
-        width, height = cameras.size[index]
-        assert np.abs(np.column_stack([view[:, 0] * width, (1 - view[:, 1]) * height]) - expected[index]).max() < 0.01
-
-
-def test_calibrations_survive_blender(empty, made):
-    cameras = made.cameras(lens=-0.2)
-    back = scene_cameras.cameras_of(scene_cameras.add_cameras(empty.scene, cameras), empty.scene)
-    assert back.names == cameras.names
-    for field in FIELDS:
-        np.testing.assert_allclose(getattr(back, field), getattr(cameras, field), rtol=1e-6, atol=1e-5)
-    points = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 2], (50, 3))
-    assert np.abs(back.project(points) - cameras.project(points)).max() < 0.005
-
-
-def test_a_lens_of_vicons_kind_survives_blender(empty, made, tmp_path):
+@pytest.mark.parametrize("vicon", [False, True])
+def test_calibrations_survive_blender_and_its_files_and_leave_nothing_behind(empty, made, tmp_path, vicon):
     lenses = np.array([[0.4, 0.2, 0.0], [0.0, 0.0, 0.0], [-0.1, 0.3, 0.05], [0.65, 0.8, 0.0]])
-    cameras = replace(made.cameras(), inverse=lenses)
+    cameras = replace(made.cameras(), inverse=lenses) if vicon else made.cameras(lens=-0.2)
+    path = tmp_path / "room.blend"
     collection = scene_cameras.add_cameras(empty.scene, cameras)
     assert scene_cameras.find_or_add_cameras(empty.scene, cameras) == collection
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    here = scene_cameras.cameras_of(collection, empty.scene)
     assert scene_cameras.find_or_add_cameras(empty.scene, made.cameras()) != collection
-    bpy.data.collections.remove(empty.scene.collection.children[-1])
-    path = str(tmp_path / "room.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    kinds = "objects", "cameras", "scenes", "libraries", "collections"
+    before = [len(getattr(bpy.data, kind)) for kind in kinds]
     points = np.random.default_rng(2).uniform([-1, -1, 0], [1, 1, 2], (50, 3))
-    for back in (scene_cameras.cameras_of(collection, empty.scene), scene_cameras.cameras_of_blend(path)):
-        found = back.select([back.names.index(name) for name in cameras.names])
-        np.testing.assert_array_equal(found.inverse[:4], lenses)
-        assert np.abs(found.project(points) - cameras.project(points)).max() < 0.005
+    for back in (here, scene_cameras.cameras_of_blend(str(path))):
+        assert back.names == cameras.names
+        for field in ("size", "matrix", "distortion", "rotation", "translation", "inverse"):
+            np.testing.assert_allclose(getattr(back, field), getattr(cameras, field), rtol=1e-6, atol=1e-5)
+        assert np.abs(back.project(points) - cameras.project(points)).max() < 0.005
+    assert [len(getattr(bpy.data, kind)) for kind in kinds] == before
     assert np.abs(cameras.project(points) - made.cameras().project(points)).max() > 1
-
-
-def test_moving_a_camera_moves_its_calibration(empty, made):
-    collection = scene_cameras.add_cameras(empty.scene, made.cameras())
-    collection.objects[1].location.z += 0.5
-    empty.view_layer.update()
-    moved = scene_cameras.cameras_of(collection, empty.scene).centres - made.cameras().centres
-    np.testing.assert_allclose(moved, [[0, 0, 0], [0, 0, 0.5], [0, 0, 0], [0, 0, 0]], atol=1e-5)
+    path.write_text("this is not a Blender file")
+    with pytest.raises(InputError, match="not a Blender file"):
+        scene_cameras.cameras_of_blend(str(path))
 
 
 @pytest.mark.parametrize("switched_off", [False, True])
@@ -82,13 +60,13 @@ def test_cameras_are_where_they_are_as_soon_as_a_file_is_open(empty, made, tmp_p
     """Blender works out later where objects are, and not at all in a collection that is switched off."""
     cameras, found = made.cameras(), []
     collection = scene_cameras.add_cameras(empty.scene, cameras)
-    rig = bpy.data.objects.new("Rig", None)
-    empty.scene.collection.objects.link(rig)
+    rig = add_object("Rig")
     rig.location, rig.rotation_euler = (1, 2, 0), (0, 0, 0.5)
     collection.objects[1].parent = rig
     empty.view_layer.update()
     before = scene_cameras.cameras_of(collection, empty.scene)
-    assert np.abs(before.centres[1] - cameras.centres[1]).max() > 0.3
+    moved = rig.matrix_world @ Vector(cameras.centres[1])
+    np.testing.assert_allclose(before.centres, [cameras.centres[0], moved, *cameras.centres[2:]], atol=1e-5)
     empty.view_layer.layer_collection.children[collection.name].exclude = switched_off
     path = str(tmp_path / "room.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
@@ -113,8 +91,7 @@ def test_a_users_own_cameras_are_read_as_blender_draws_them(empty, fit, size):
     scene = empty.scene
     scene.render.resolution_x, scene.render.resolution_y = size
     scene.render.pixel_aspect_x = 1.25
-    camera = bpy.data.objects.new("Mine", bpy.data.cameras.new("Mine"))
-    scene.collection.objects.link(camera)
+    camera = add_object("Mine", bpy.data.cameras.new("Mine"))
     camera.data.sensor_fit, camera.data.shift_x, camera.data.shift_y = fit, 0.05, -0.1
     camera.location, camera.rotation_euler = (3, -2, 1.5), (1.3, 0.1, 0.8)
     empty.view_layer.update()
@@ -122,23 +99,6 @@ def test_a_users_own_cameras_are_read_as_blender_draws_them(empty, fit, size):
     found = scene_cameras.cameras_of_scene(scene).project(points)[0]
     view = np.array([world_to_camera_view(scene, camera, Vector(point)) for point in points])
     assert np.abs(found - np.column_stack([view[:, 0] * size[0], (1 - view[:, 1]) * size[1]])).max() < 0.01
-
-
-def test_cameras_of_a_blend_file_leave_nothing_behind_and_what_is_none_is_one_sentence(empty, made, tmp_path):
-    path = str(tmp_path / "room.blend")
-    scene_cameras.add_cameras(empty.scene, made.cameras(lens=0.1))
-    bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
-    bpy.ops.wm.read_homefile(use_empty=True)
-    before = {len(getattr(bpy.data, kind)) for kind in ("objects", "cameras", "scenes", "libraries", "collections")}
-    back = scene_cameras.cameras_of_blend(path)
-    for field in FIELDS:
-        np.testing.assert_allclose(getattr(back, field), getattr(made.cameras(lens=0.1), field), rtol=1e-6, atol=1e-5)
-    after = {len(getattr(bpy.data, kind)) for kind in ("objects", "cameras", "scenes", "libraries", "collections")}
-    assert after == before
-    path = tmp_path / "room.blend"
-    path.write_text("this is not a Blender file")
-    with pytest.raises(InputError, match="not a Blender file"):
-        scene_cameras.cameras_of_blend(str(path))
 
 
 MOVED = 2
@@ -189,41 +149,23 @@ def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
 
 
 def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monkeypatch):
-    made = scene("moved.toml")
-    settings = made.mocap_autolabel
-    operator = ours("ops.calibration").MOCAP_AUTOLABEL_OT_refine_calibration
-    show, other = operator._show, scene_cameras.add_cameras(made, files.room)
-
-    def changed_meanwhile(self, context, refined):
-        settings.source.cameras = other
-        return show(self, context, refined)
-
-    monkeypatch.setattr(operator, "_show", changed_meanwhile)
+    made, operator = scene("moved.toml"), ours("ops.calibration").MOCAP_AUTOLABEL_OT_refine_calibration
+    source, show, other = made.mocap_autolabel.source, operator._show, scene_cameras.add_cameras(made, files.room)
+    monkeypatch.setattr(operator, "_show", lambda *given: setattr(source, "cameras", other) or show(*given))
     refused(r"which are in \S+\.toml; expected them to stay", "refine_calibration")
-    assert settings.source.cameras == other
+    assert source.cameras == other
     assert not other.hide_viewport
     (files.folder / "walk.refined.toml").unlink()
 
 
-def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, files):
-    made = scene("room.toml")
-    settings = made.mocap_autolabel
+def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene):
+    cameras, layout = scene("room.toml").mocap_autolabel.source.cameras, MagicMock()
     row = {"before_px": 2.19, "after_px": 0.41}
-    settings.source.cameras["mocap_refined"] = json.dumps({"cameras": {"cam 0": row, "cam 1": dict.fromkeys(row)}})
-    said, buttons = [], []
-
-    class Layout:
-        def __getattr__(self, name):
-            return lambda *given, **more: self
-
-        def label(self, text="", icon="NONE"):
-            said.append(text)
-
-        def operator(self, name, text="", icon="NONE"):
-            buttons.append((name, text))
-
-    ours("ui.advanced").draw_health(Layout(), bpy.context)
-    assert buttons == [("mocap_autolabel.refine_calibration", ""), ("mocap_autolabel.label", "Label Again")]
+    cameras["mocap_refined"] = json.dumps({"cameras": {"cam 0": row, "cam 1": dict.fromkeys(row)}})
+    ours("ui.advanced").draw_health(layout, bpy.context)
+    buttons = [call.args[0] for call in layout.mock_calls if call[0].endswith("operator")]
+    assert buttons == ["mocap_autolabel.refine_calibration", "mocap_autolabel.label"]
+    said = [call.kwargs["text"] for call in layout.mock_calls if call[0].endswith("label")]
     assert said[-6:] == ["cam 0", "2.19 px", "0.41 px", "cam 1", "–", "–"]
 
 
@@ -235,18 +177,11 @@ def test_what_is_odd_about_cameras_stays_with_the_take(scene, files):
 
 
 def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
-    operator, said = ours("ops.calibration").MOCAP_AUTOLABEL_OT_refine_calibration, []
-    cls = SimpleNamespace(poll_message_set=said.append, lacks=operator.lacks)
-    assert not operator.poll.__func__(cls, empty)
+    refused("Open the calibration of the cameras first", "refine_calibration")
     press("import_cameras", filepath=files.folder / "room.toml")
-    assert not operator.poll.__func__(cls, empty)
+    refused("Open the blobs first", "refine_calibration")
     empty.scene.mocap_autolabel.source.points_path = "walk.c3d"
-    assert not operator.poll.__func__(cls, empty)
-    assert [words.split(":")[0] for words in said] == [
-        "Open the calibration of the cameras first",
-        "Open the blobs first",
-        "3D points need no cameras",
-    ]
+    refused("3D points need no cameras", "refine_calibration")
 
 
 FRAMES = range(1, 9)
@@ -263,32 +198,26 @@ def blobs_in(path: str, cameras: Cameras):
     return next(iter(read_blobs(Path(path), cameras))).blobs
 
 
-def test_a_folder_of_movies_becomes_the_take(settings, studio, tmp_path):
+def test_a_folder_of_movies_or_some_that_are_chosen_become_the_take(settings, studio, tmp_path):
     folder, cameras = studio
+    assert not bpy.ops.mocap_autolabel.find_blobs.poll()
     press("import_cameras", filepath=folder / "room.toml")
-    out = str(tmp_path / "found.csv")
+    refused("holds no movie", "find_blobs", directory=tmp_path)
+    source, out = settings.source, str(tmp_path / "found.csv")
+    assert not source.blobs_path
     press("find_blobs", directory=folder / "movies", out=out)
-    assert (settings.source.blobs_path, settings.source.rate) == (out, 30.0)
-    assert (settings.source.first_frame, settings.source.last_frame, settings.source.blob_count) == (1, 8, 48)
+    assert (source.blobs_path, source.rate, source.blob_count) == (out, 30.0, 48)
+    assert (source.first_frame, source.last_frame) == (1, 8)
     blobs = blobs_in(out, cameras)
     for frame in FRAMES:
         assert_at(blobs, frame, 1, places(frame, 1))
     assert not len(bpy.data.textures)
-
-
-def test_chosen_movies_are_written_beside_them(extension, empty, studio):
-    folder, _ = studio
-    press("import_cameras", filepath=folder / "room.toml")
     chosen = [{"name": "left.mp4"}, {"name": "right.mp4"}]
-    given = {"directory": str(folder / "movies"), "files": chosen, "at_1": True}
-    press("import_take", **given)
-    source = empty.scene.mocap_autolabel.source
+    press("import_take", directory=folder / "movies", files=chosen, at_1=True)
     assert Path(source.blobs_path) == folder / "movies" / "left.blobs.csv" and source.at_1
 
 
 def test_what_was_undone_meanwhile_is_opened_again(empty, studio):
-    from addon.scene.pictures import open_pictures
-
     with closing(open_pictures(studio[0] / "movies" / "left.mp4")) as movie:
         before = movie.grey(3)
         bpy.data.textures.remove(movie._texture)
@@ -298,20 +227,12 @@ def test_what_was_undone_meanwhile_is_opened_again(empty, studio):
     assert not len(bpy.data.images)
 
 
-def test_trouble_with_pictures_is_one_sentence(extension, empty, studio, tmp_path):
-    assert not bpy.ops.mocap_autolabel.find_blobs.poll()
-    press("import_cameras", filepath=studio[0] / "room.toml")
-    refused("holds no movie", "find_blobs", directory=tmp_path)
-    assert not empty.scene.mocap_autolabel.source.blobs_path
-
-
 def tracked(folder, scene):
     """Two cameras of the scene's own, each with a clip in its background that is tracked by hand where discs are."""
     scene.render.resolution_x, scene.render.resolution_y = SIZE
     for number, name in enumerate(NAMES):
-        camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
+        camera = add_object(name, bpy.data.cameras.new(name))
         camera.location.x = number
-        scene.collection.objects.link(camera)
         clip = bpy.data.movieclips.load(str(folder / "movies" / f"{name}.mp4"))
         clip.frame_start = 11
         camera.data.background_images.new().source = "MOVIE_CLIP"
@@ -341,6 +262,22 @@ def test_tracks_of_the_scenes_cameras_become_the_take(empty, settings, studio, t
             assert_at(blobs, frame + 10, number, places(frame, number)[: 3 if frame <= 4 else 2] + 0.5, 1e-2)
 
 
+def test_clips_that_cannot_be_used_are_one_sentence(extension, empty, studio, tmp_path):
+    pairs = list(tracked(studio[0], empty.scene))
+    out = tmp_path / "tracks.csv"
+    lens = pairs[0][1].tracking.camera
+    lens.distortion_model, lens.division_k1 = "DIVISION", 0.1
+    refused("expected Polynomial", "import_clip_tracks", out=out)
+    lens.division_k1 = 0.0
+    pairs[0][0].data.background_images[0].clip = pairs[1][1]
+    refused("the same clip", "import_clip_tracks", out=out)
+    pairs[0][0].data.background_images[0].clip = pairs[0][1]
+    empty.scene.render.resolution_x = SIZE[0] + 20
+    refused("expected pictures as large", "import_clip_tracks", out=out)
+    assert not out.exists()
+    assert not empty.scene.mocap_autolabel.source.blobs_path
+
+
 def test_of_a_calibration_pixels_begin_at_a_centre_and_its_lens_stays(extension, empty, studio, tmp_path):
     folder, cameras = studio
     cameras = Cameras(NAMES, cameras.size, cameras.matrix, np.full((2, 5), 0.01), cameras.rotation, cameras.translation)
@@ -356,19 +293,3 @@ def test_of_a_calibration_pixels_begin_at_a_centre_and_its_lens_stays(extension,
     assert found.distortion == pytest.approx(cameras.distortion)
     blobs = blobs_in(out, cameras)
     assert blobs.xy[blobs.frames[blobs.frame] == 2] == pytest.approx(np.array([[79.5, 89.5]] * 2), abs=1e-3)
-
-
-def test_clips_that_cannot_be_used_are_one_sentence(extension, empty, studio, tmp_path):
-    pairs = list(tracked(studio[0], empty.scene))
-    out = tmp_path / "tracks.csv"
-    lens = pairs[0][1].tracking.camera
-    lens.distortion_model, lens.division_k1 = "DIVISION", 0.1
-    refused("expected Polynomial", "import_clip_tracks", out=out)
-    lens.division_k1 = 0.0
-    pairs[0][0].data.background_images[0].clip = pairs[1][1]
-    refused("the same clip", "import_clip_tracks", out=out)
-    pairs[0][0].data.background_images[0].clip = pairs[0][1]
-    empty.scene.render.resolution_x = SIZE[0] + 20
-    refused("expected pictures as large", "import_clip_tracks", out=out)
-    assert not out.exists()
-    assert not empty.scene.mocap_autolabel.source.blobs_path

@@ -16,23 +16,16 @@ from addon.scene import animation, naming
 from addon.scene import character as characters
 from addon.scene import take as takes
 from addon.scene.opened import Opened
-from tests.inputs.rigs import bones_of
+from tests.inputs.rigs import RigBone, add_rig
 
 from .hands import ours, press, refused, stored_take
 
 # What a retargeted joint or marker may be off: the root alone moves, and floats of single precision are in between.
 MOST_OFF_M = 0.0001
 LIMBS = {"Arm": "upper_arm", "ForeArm": "forearm", "Hand": "hand", "UpLeg": "thigh", "Leg": "shank", "Foot": "foot"}
-JOINTS = {
-    "Hips": "pelvis",
-    "Spine": "thorax",
-    "Neck": "head",
-    **{
-        f"{word}{bone}": f"{segment}.{side}"
-        for side, word in (("L", "Left"), ("R", "Right"))
-        for bone, segment in LIMBS.items()
-    },
-}
+JOINTS = {"Hips": "pelvis", "Spine": "thorax", "Neck": "head"}
+for side, word in (("L", "Left"), ("R", "Right")):
+    JOINTS |= {f"{word}{bone}": f"{segment}.{side}" for bone, segment in LIMBS.items()}
 
 
 def found(take):
@@ -101,17 +94,12 @@ def test_the_rest_is_a_t_pose_that_looks_along_minus_y(shown):
 
 def plain_rig(source):
     """A rig with the joints and names of `source` at rest, but bones that point and roll as nobody's do."""
-    rig = bpy.data.objects.new("plain", bpy.data.armatures.new("plain"))
-    bpy.context.scene.collection.objects.link(rig)
-    world = source.matrix_world
-    with bones_of(rig) as bones:
-        for number, bone in enumerate(source.data.bones):
-            own = bones.new(bone.name)
-            own.head = world @ bone.head_local
-            own.tail = own.head + (world @ bone.tail_local - own.head).normalized() * 0.07
-            own.roll = 0.4 * number
-            if bone.parent is not None:
-                own.parent = bones[bone.parent.name]
+    bones, world = [], source.matrix_world
+    for number, bone in enumerate(source.data.bones):
+        head, tail = world @ bone.head_local, world @ bone.tail_local
+        end = head + (tail - head).normalized() * 0.07
+        bones.append(RigBone(bone.name, bone.parent and bone.parent.name, head, end, 0.4 * number))
+    rig = add_rig(bones, {bone.part: bone.part for bone in bones})
     for bone in rig.pose.bones:
         copied = bone.constraints.new("COPY_ROTATION")
         copied.target, copied.subtarget = source, bone.name
@@ -258,11 +246,16 @@ def test_what_blender_s_exporter_cannot_write_is_one_sentence_and_leaves_all_as_
     assert {name: len(getattr(bpy.data, name)) for name in before} == before
 
 
-def test_an_exporter_that_is_switched_off_is_told(shown, tmp_path):
+def test_an_exporter_that_is_switched_off_is_told_and_a_collection_that_is_excluded_has_its_character(shown, tmp_path):
     addon_utils.disable("io_anim_bvh")
     words = "own BVH exporter is switched off; expected it enabled in the preferences"
     refused(words, "export_bvh", filepath=tmp_path / "b.bvh")
     addon_utils.enable("io_anim_bvh")
+    take = bpy.context.scene.mocap_autolabel.take
+    bpy.context.view_layer.layer_collection.children[take.name].exclude = True
+    press("add_character")
+    [character] = [item for item in take.all_objects if item.name == "walk character"]
+    assert character.users_collection == (take,) and len(character.data.bones) > 0
 
 
 def test_blender_s_own_usd_has_markers_and_armature_in_motion(shown, tmp_path):
@@ -282,14 +275,6 @@ def test_blender_s_own_usd_has_markers_and_armature_in_motion(shown, tmp_path):
             assert (head - armature.matrix_world @ bone.head).length < MOST_OFF_M
         for name, item in markers.items():
             assert (points[name].matrix_world.translation - item.matrix_world.translation).length < MOST_OFF_M
-
-
-def test_the_character_of_a_take_whose_collection_is_excluded_is_added_to_it(shown):
-    take = bpy.context.scene.mocap_autolabel.take
-    bpy.context.view_layer.layer_collection.children[take.name].exclude = True
-    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
-    [character] = [item for item in take.all_objects if item.name == "walk character"]
-    assert character.users_collection == (take,) and len(character.data.bones) > 0
 
 
 def test_who_is_no_person_has_no_character(empty, made, extension):
@@ -315,44 +300,29 @@ def keys_of(bag) -> list[list[tuple]]:
     return [[(*key.co, key.interpolation, key.type) for key in curve.keyframe_points] for curve in bag.fcurves]
 
 
-def path(seed: int, gaps=()) -> np.ndarray:
-    """A path with gaps, from and up to so many frames."""
-    xyz = np.random.default_rng(seed).normal(size=(len(KEYED), 3)).astype(np.float32)
-    for start, stop in gaps:
-        xyz[start:stop] = np.nan
+def path(rng) -> np.ndarray:
+    """A path, with some gaps."""
+    xyz = rng.normal(size=(len(KEYED), 3)).astype(np.float32)
+    for start in rng.integers(0, len(KEYED), rng.integers(0, 3)):
+        xyz[start : start + 4] = np.nan
     return xyz
 
 
-def with_rows(xyz: np.ndarray, rows: slice, other: np.ndarray) -> np.ndarray:
-    """A path with some rows of another."""
-    xyz = xyz.copy()
-    xyz[rows] = other[rows]
-    return xyz
-
-
-BEFORE = path(1, [(5, 9), (40, 44)])
-
-
-@pytest.mark.parametrize(
-    "after",
-    [
-        with_rows(BEFORE, slice(20, 22), path(2)),
-        with_rows(BEFORE, slice(10, 40), path(2)),
-        with_rows(BEFORE, slice(5, 9), path(2)),
-        with_rows(BEFORE, slice(50, 60), path(2, [(52, 60)])),
-        path(3, [(0, 4), (20, 21)]),
-        BEFORE,
-    ],
-)
 @pytest.mark.parametrize("most_single", [300, 1])
-@pytest.mark.parametrize("filled", [(None, None), ((22, 30), (22, 30)), ((22, 30), None), (None, (44, 55))])
-def test_moved_keys_are_those_that_keying_anew_makes(bag, after, most_single, filled, monkeypatch):
+@pytest.mark.parametrize("seed", range(24))
+def test_moved_keys_are_those_that_keying_anew_makes(bag, seed, most_single, monkeypatch):
     monkeypatch.setattr(animation, "MOST_SINGLE", most_single)
     monkeypatch.setattr(animation, "MOST_REMOVED", most_single)
-    was, made = (None if span is None else (span[0] <= KEYED) & (span[1] > KEYED) for span in filled)
-    animation.key(bag, "location", KEYED, BEFORE, "LKNE", was)
-    moved = animation.move(bag, "location", KEYED, (BEFORE, was), (after, made))
-    assert moved == ((np.isfinite(BEFORE[:, 0]).sum() - np.isfinite(after[:, 0]).sum()) <= most_single)
+    rng = np.random.default_rng(seed)
+    before, other = path(rng), path(rng)
+    first, last = np.sort(rng.integers(0, len(KEYED), 2))
+    after = np.concatenate([before[:first], other[first:last], before[last:]])
+    was, made = (
+        None if rng.random() < 0.5 else (start <= KEYED) & (start + 9 > KEYED) for start in (22, rng.choice(50))
+    )
+    animation.key(bag, "location", KEYED, before, "LKNE", was)
+    moved = animation.move(bag, "location", KEYED, (before, was), (after, made))
+    assert moved == ((np.isfinite(before[:, 0]).sum() - np.isfinite(after[:, 0]).sum()) <= most_single)
     if not moved:
         return
     found = keys_of(bag)
@@ -365,10 +335,11 @@ def test_moved_keys_are_those_that_keying_anew_makes(bag, after, most_single, fi
 
 
 def test_keys_that_a_hand_took_away_or_that_all_go_are_not_moved(bag):
-    animation.key(bag, "location", KEYED, BEFORE, "LKNE")
-    assert not animation.move(bag, "location", KEYED, (BEFORE, None), (BEFORE * np.nan, None))
+    before, after = (path(np.random.default_rng(seed)) for seed in (1, 2))
+    animation.key(bag, "location", KEYED, before, "LKNE")
+    assert not animation.move(bag, "location", KEYED, (before, None), (before * np.nan, None))
     points = bag.fcurves[1].keyframe_points
     points.remove(points[3])
-    before = keys_of(bag)
-    assert not animation.move(bag, "location", KEYED, (BEFORE, None), (path(2), None))
-    assert keys_of(bag) == before
+    keys = keys_of(bag)
+    assert not animation.move(bag, "location", KEYED, (before, None), (after, None))
+    assert keys_of(bag) == keys

@@ -7,26 +7,16 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.core.edits.kinds import Edits, Swap
 from addon.core.filling.smoothing import smoothed
+from addon.io.edits import write_edits
 from addon.io.points import read_points
+from addon.scene.ownership import curves_of
 from addon.scene.take import show_take
 from tests.io.pages import read
 
-from .hands import (
-    FRAMES,
-    GHOST,
-    choose,
-    follows,
-    keys_of,
-    labelled_by_job,
-    ours,
-    press,
-    refused,
-    reopen,
-    session,
-    shown,
-    stored_take,
-)
+from .conftest import FRAMES, GHOST, labelled_by_job, ours, press, rows_of_export
+from .hands import choose, follows, keys_of, refused, reopen, session, shown, stored_take
 
 GAP = slice(FRAMES // 3, FRAMES // 2)  # of RASI, and all are lost in two frames before
 HERE = 101 + GAP.start + 2
@@ -34,9 +24,7 @@ HERE = 101 + GAP.start + 2
 
 def kinds_of(name: str) -> dict[int, str]:
     """The type of the keys of a marker, by frame."""
-    data = shown()[name].animation_data
-    bag = data.action.layers[0].strips[0].channelbag(data.action_slot)
-    return {int(key.co[0]): key.type for key in bag.fcurves.find("location", index=1).keyframe_points}
+    return {int(key.co[0]): key.type for key in curves_of(shown()[name])[1].keyframe_points}
 
 
 def rows() -> list[tuple]:
@@ -54,15 +42,20 @@ def filled(labelled):
     return labelled
 
 
-def test_a_gap_is_filled_and_its_keys_are_marked(filled, files):
+def test_a_gap_is_filled_and_told_from_labels_in_keys_lists_tables_and_the_overlay(filled, files):
     assert rows() == [("RASI", 101 + GAP.start, 100 + GAP.stop, "")]
     kinds = kinds_of("RASI")
     assert {frame for frame, kind in kinds.items() if kind == "GENERATED"} == {101 + f for f in range(30)[GAP]}
     assert set(kinds.values()) == {"GENERATED", "KEYFRAME"}
     keys = keys_of("RASI")
     assert np.linalg.norm(np.diff(keys[:, 1:], axis=0), axis=1).max() < 0.2, "it goes where the markers beside it go"
-    row = next(row for row in session().markers if row.name == "RASI")
-    assert row.labelled == pytest.approx(np.isfinite(files.xyz[:, 2, 0]).mean()), "what is filled was not found"
+    row, measured = session().markers["RASI"], np.isfinite(files.xyz[:, 2, 0])
+    assert row.labelled == pytest.approx(measured.mean()), "what is filled was not found"
+    assert sum("RASI" in line for line in rows_of_export(files.folder / "ours.labels.csv")) == measured.sum()
+    stored = stored_take()
+    seen = ours("ui.marks").point_marks(stored, GAP.start)
+    assert [stored.names[index] for index in np.flatnonzero(seen.filled)] == ["RASI"]
+    assert np.isfinite(seen.named[seen.filled]).all()
 
 
 def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
@@ -83,6 +76,10 @@ def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
     assert [(row.name, row.first, row.last) for row in state.proposed_fills] == [*asked[:at], *asked[at + 1 :]]
     press("discard_fills")
     assert (len(state.proposed_fills), len(rows())) == (0, 1)
+    press("fill_gaps", extent="TAKE", propose=True)
+    choose("RASI")
+    press("fill_gaps", extent="MARKER")
+    assert [row.name for row in state.proposed_fills] == [row[0] for row in asked if row[0] != "RASI"], "it is filled"
 
 
 def test_a_preview_is_there_again_once_keeping_it_is_undone_and_beside_another_take(labelled, files):
@@ -108,16 +105,6 @@ def test_a_preview_is_there_again_once_keeping_it_is_undone_and_beside_another_t
     press("keep_fills")
     press("take_back_fills", extent="TAKE")
     assert listed() == [0, 0]
-
-
-def test_what_is_filled_is_not_previewed_any_more(labelled):
-    state = session()
-    choose("RASI")
-    for propose, extent in ((True, "TAKE"), (False, "MARKER")):
-        before = len(state.proposed_fills)
-        press("fill_gaps", extent=extent, propose=propose)
-    assert len(state.proposed_fills) == before - len(rows()) > 0
-    assert "RASI" not in {row.name for row in state.proposed_fills}
 
 
 def test_a_dashed_line_lies_on_the_line_and_ends_where_it_does(extension):
@@ -179,7 +166,7 @@ def test_fills_are_taken_back(filled, extent):
     assert len(keys_of("RASI")) == len(before) - len(range(30)[GAP]) + (2 if left else 0)
 
 
-def test_undo_and_files_keep_them(filled, files):
+def test_undo_files_corrections_and_labelling_again_keep_them(filled, files):
     bpy.ops.ed.undo_push(message="Filled")
     press("take_back_fills", index=0)
     assert rows() == []
@@ -189,21 +176,14 @@ def test_undo_and_files_keep_them(filled, files):
     assert "GENERATED" in kinds_of("RASI").values()
     keys = keys_of("RASI")
     reopen(files.folder / "walk.blend")
-    assert len(rows()) == 1
     choose("LKNE", "RKNE")
-    press("swap_markers", scope="WHOLE")
-    assert rows()[0][3] == ""
-    np.testing.assert_array_equal(keys_of("RASI"), keys)
+    for operator, given in (("swap_markers", {"scope": "WHOLE"}), ("label", {})):
+        press(operator, **given)
+        assert [row[3] for row in rows()] == [""]
+        np.testing.assert_array_equal(keys_of("RASI"), keys)
+        assert "GENERATED" in kinds_of("RASI").values()
     press("export_c3d", filepath=files.folder / "again.c3d")
     assert (read_points(files.folder / "again.c3d").residual == 0).sum() == len(range(30)[GAP])
-
-
-def test_labelling_again_keeps_them(filled):
-    keys = keys_of("RASI")
-    press("label")
-    assert [row[3] for row in rows()] == [""]
-    np.testing.assert_array_equal(keys_of("RASI"), keys)
-    assert "GENERATED" in kinds_of("RASI").values()
 
 
 def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measured(filled, files, extension):
@@ -219,7 +199,7 @@ def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measu
     np.testing.assert_allclose(measured, files.xyz[:, files.names.index("RASI")], atol=1e-5)
 
 
-def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_back(filled):
+def test_a_fill_that_a_correction_contradicts_is_left_out_and_a_corrected_take_is_the_one_that_is_read_again(filled):
     keys = keys_of("RASI")
     choose()
     press("pick", point=GHOST)
@@ -230,45 +210,27 @@ def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_
     press("clear_corrections")
     np.testing.assert_array_equal(keys_of("RASI"), keys)
     assert rows()[0][3] == ""
-
-
-def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, extension):
-    marks = ours("ui.marks")
-    stored = stored_take()
-    seen = marks.point_marks(stored, GAP.start)
-    assert [stored.names[index] for index in np.flatnonzero(seen.filled)] == ["RASI"]
-    assert np.isfinite(seen.named[seen.filled]).all()
-    table = files.folder / "ours.labels.csv"
-    press("export_labels", filepath=table)
-    assert sum("RASI" in line for line in table.read_text().splitlines()) == np.isfinite(files.xyz[:, 2, 0]).sum()
+    choose("RASI", "LASI")
+    press("swap_markers", scope="FRAME")
+    after = stored_take()
+    ours("scene.opened").opened.forget()
+    again = stored_take()
+    assert after is not again and after.unfit == again.unfit
+    for part in ("markers", "residual"):
+        np.testing.assert_array_equal(getattr(after.motion, part), getattr(again.motion, part))
+    np.testing.assert_array_equal(after.labels.marker, again.labels.marker)
 
 
 def test_what_was_filled_goes_into_no_other_take(labelled, made, monkeypatch, extension):
-    filling = ours("ops.filling").MOCAP_AUTOLABEL_OT_fill_gaps
-    settings = labelled.scene.mocap_autolabel
-    after = show_take(labelled, made.take(40))
-
-    def changed_meanwhile(self, context, filled):
-        settings.take = after
-        return show(self, context, filled)
-
-    show = filling._show
-    monkeypatch.setattr(filling, "_show", changed_meanwhile)
+    filling, settings = ours("ops.filling").MOCAP_AUTOLABEL_OT_fill_gaps, labelled.scene.mocap_autolabel
+    after, show = show_take(labelled, made.take(40)), filling._show
+    monkeypatch.setattr(filling, "_show", lambda *given: setattr(settings, "take", after) or show(*given))
     settings.filling.method = "rigid"
     refused("another take is shown than the one whose gaps were filled; expected", "fill_gaps", extent="TAKE")
     assert rows() == []
 
 
-def test_a_take_of_blobs_is_filled_too(extension, empty, made):
-    empty.scene.mocap_autolabel.take = show_take(empty, made.take(40))
-    empty.scene.mocap_autolabel.filling.method = "rigid"
-    choose("RASI")
-    press("fill_gaps", extent="MARKER")
-    assert {row[0] for row in rows()} == {"RASI"}
-    assert "GENERATED" in kinds_of("RASI").values()
-
-
-def test_what_cannot_be_filled_is_one_sentence(labelled):
+def test_what_cannot_be_filled_or_smoothed_is_one_sentence(labelled):
     settings = labelled.scene.mocap_autolabel
     choose()
     refused("no marker is selected; expected", "fill_gaps", extent="MARKER")
@@ -286,9 +248,13 @@ def test_what_cannot_be_filled_is_one_sentence(labelled):
     press("fill_gaps", extent="TAKE")
     choose("LKNE")
     refused("nothing that was filled is there; expected", "take_back_fills", extent="GAP")
+    settings.filling.cutoff = 45.0
+    refused("45 Hz at 60 frames a second; expected one above 0 and below 30 Hz", "smooth")
+    assert "mocap_smoothing" not in settings.take
 
 
-def test_the_command_lines_fills_are_marked_in_its_blender_file(labelled, files, extension, tmp_path):
+def test_a_file_of_the_command_line_has_its_fills_marked_and_can_be_corrected_on(labelled, files, extension, tmp_path):
+    write_edits(files.edits, Edits((Swap(("LKNE", "RKNE")),)))
     out = labelled_by_job(files, tmp_path / "out", blend=True, fill=True)
     bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
     assert "RASI" in {row[0] for row in rows()}
@@ -299,22 +265,10 @@ def test_the_command_lines_fills_are_marked_in_its_blender_file(labelled, files,
     ours, theirs = (read_points(out / name) for name in ("ours.c3d", "walk.c3d"))
     np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-5)
     np.testing.assert_array_equal(ours.residual == 0, theirs.residual == 0)
-
-
-def test_a_corrected_take_is_the_one_that_is_read_again(filled):
-    opened = ours("scene.opened").opened
-    opened.forget()
-    before = stored_take()
-    choose("RASI", "LASI")
-    press("swap_markers", scope="FRAME")
-    after = stored_take()
-    assert after is not before
-    opened.forget()
-    again = stored_take()
-    np.testing.assert_array_equal(after.motion.markers, again.motion.markers)
-    np.testing.assert_array_equal(after.motion.residual, again.motion.residual)
-    np.testing.assert_array_equal(after.labels.marker, again.labels.marker)
-    assert after.unfit == again.unfit
+    swapped = stored_take().labels.marker
+    press("remove_correction", index=0)
+    knees = [files.names.index(name) for name in ("LKNE", "RKNE")]
+    assert (stored_take().labels.marker[swapped == knees[0]] == knees[1]).all()
 
 
 RATE, CUTOFF = 60.0, 5.0
@@ -355,7 +309,7 @@ def test_keys_and_exports_are_smooth_and_labels_stay(calm, files):
     refused("Nothing is smoothed", "take_back_smoothing")
 
 
-def test_it_is_kept_through_files_corrections_and_labelling_again(calm, files):
+def test_it_is_kept_through_all_that_happens_and_fills_are_made_of_what_was_measured(calm, files):
     reopen(str(files.folder / "walk.blend"))
     choose("LKNE", "RKNE")
     press("swap_markers", scope="WHOLE")
@@ -363,20 +317,10 @@ def test_it_is_kept_through_files_corrections_and_labelling_again(calm, files):
     is_smooth(files, "LKNE")
     press("label")
     is_smooth(files, "LKNE")
-
-
-def test_fills_are_made_of_what_was_measured(calm, files):
-    calm.scene.mocap_autolabel.filling.method = "rigid"
+    bpy.context.scene.mocap_autolabel.filling.method = "rigid"
     choose("RASI")
-    calm.scene.frame_set(112)
+    bpy.context.scene.frame_set(HERE)
     press("fill_gaps", extent="GAP")
-    [row] = session().fills
-    assert row.reason == ""
+    assert [row[3] for row in rows()] == [""]
     press("take_back_smoothing")
-    assert [row.reason for row in session().fills] == [""]
-
-
-def test_a_cut_off_that_cannot_be_is_one_sentence(labelled):
-    labelled.scene.mocap_autolabel.filling.cutoff = 45.0
-    refused("45 Hz at 60 frames a second; expected one above 0 and below 30 Hz", "smooth")
-    assert "mocap_smoothing" not in labelled.scene.mocap_autolabel.take
+    assert [row[3] for row in rows()] == [""]

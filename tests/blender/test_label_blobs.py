@@ -13,21 +13,8 @@ from addon.core.edits.kinds import DeleteBlob, UnlabelBlob
 from addon.io.edits import read_edits
 from addon.io.points import read_points
 
-from .conftest import open_room, write_room
-from .hands import (
-    bones,
-    choose,
-    keys_of,
-    ours,
-    picked,
-    press,
-    refused,
-    reopen,
-    rows_of_export,
-    session,
-    shown,
-    stored_take,
-)
+from .conftest import open_room, ours, press, rows_of_export, write_room
+from .hands import bones, choose, keys_of, picked, refused, reopen, session, shown, stored_take
 
 FRAMES, LOST = 30, "RKNE"
 
@@ -153,7 +140,18 @@ def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, 
     np.testing.assert_allclose(keys_of("C7"), before, atol=2e-4)
 
 
-def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
+def test_blobs_are_picked_along_their_tracks_lose_their_names_swap_and_are_none(labelled, files):
+    module, scene = ours("ops.picking"), labelled.scene
+    press("pick", point=row_of(files, "LANK", 1))
+    for frame in (116, 114):
+        scene.frame_set(frame)
+        assert module.picked_points(bpy.context) == [row_of(files, "LANK", 1, frame)]
+    scene.frame_set(200)
+    assert module.picked_points(bpy.context) == []
+    scene.frame_set(116)
+    scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 120, 125
+    refused("the blob is of frame 116", "name_point", marker="LKNE", scope="RANGE")
+    scene.frame_set(115)
     row, other = row_of(files, "LANK", 1), row_of(files, "LKNE", 1)
     press("pick", point=row)
     assert [item.name for item in bpy.context.selected_objects] == ["LANK"]
@@ -172,20 +170,6 @@ def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
     assert (labels[[row, other]] == NO_MARKER).all()
     press("save_corrections")
     assert [type(edit) for edit in read_edits(files.folder / "walk.edits.json")] == [UnlabelBlob, DeleteBlob]
-
-
-def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
-    module = ours("ops.picking")
-    press("pick", point=row_of(files, "LANK", 1))
-    for frame in (116, 114):
-        bpy.context.scene.frame_set(frame)
-        assert module.picked_points(bpy.context) == [row_of(files, "LANK", 1, frame)]
-    bpy.context.scene.frame_set(200)
-    assert module.picked_points(bpy.context) == []
-    bpy.context.scene.frame_set(116)
-    bpy.context.scene.use_preview_range = True
-    bpy.context.scene.frame_preview_start, bpy.context.scene.frame_preview_end = 120, 125
-    refused("the blob is of frame 116", "name_point", marker="LKNE", scope="RANGE")
 
 
 def test_the_lost_marker_is_the_likeliest_for_its_blob(labelled, files, extension):
@@ -211,30 +195,24 @@ def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extensi
     press("look_through", camera=camera.name)
     pixel = {"scale_x": scene.render.pixel_aspect_x, "scale_y": scene.render.pixel_aspect_y}
     lens = camera.calc_matrix_camera(labelled.evaluated_depsgraph_get(), x=size[0], y=size[1], **pixel)
-    view = SimpleNamespace(
-        view_perspective="CAMERA", perspective_matrix=lens @ camera.matrix_world.normalized().inverted()
-    )
+    matrix = lens @ camera.matrix_world.normalized().inverted()
+    view = SimpleNamespace(view_perspective="CAMERA", perspective_matrix=matrix)
     space = SimpleNamespace(region_3d=view, use_local_camera=False, camera=camera)
     region = SimpleNamespace(type="WINDOW", width=size[0], height=size[1])
     area = SimpleNamespace(regions=[region], spaces=SimpleNamespace(active=space))
     stored = stored_take()
     dots, places = module.dots_in_view(labelled, stored, area)
     assert dots.trajectory.tolist() == np.flatnonzero((files.seen.frame == 14) & (files.seen.camera == 1)).tolist()
-    x, y = files.room.select([1]).matrix[0, :2] @ np.vstack(
-        [
-            files.room.undistort(files.seen.xy[dots.trajectory], files.seen.camera[dots.trajectory]).T,
-            np.ones(len(places)),
-        ]
-    )
+    seen = files.room.undistort(files.seen.xy[dots.trajectory], files.seen.camera[dots.trajectory])
+    x, y = files.room.matrix[1, :2] @ np.column_stack([seen, np.ones(len(places))]).T
     np.testing.assert_allclose(places, np.column_stack([x, size[1] - y]), atol=0.1)
     preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
     context = SimpleNamespace(scene=scene, view_layer=labelled.view_layer, preferences=preferences)
     assert [module.dot_at(context, stored, area, place + 0.4)[1] for place in places] == list(range(len(places)))
     assert module.dot_at(context, stored, area, (-50, -50))[1] is None
     labelled.view_layer.layer_collection.children[scene.mocap_autolabel.take.name].exclude = True
-    assert {module.dot_at(context, stored, area, place)[1] for place in places} == {None}, (
-        "who sees it not picks it not"
-    )
+    nothing = {module.dot_at(context, stored, area, place)[1] for place in places}
+    assert nothing == {None}, "who sees it not picks it not"
 
 
 def test_markers_of_blobs_are_placed_and_answered(labelled, files):

@@ -138,7 +138,9 @@ def test_two_performers_move_their_rigs_and_what_is_recorded_is_a_take_of_both(l
     assert is_take(live.settings.take) and live.module.how_it_ended().endswith("names given live changed")
 
 
-def test_a_frame_that_is_just_being_written_is_not_shown(live, walk, tmp_path):
+def test_a_frame_that_is_just_being_written_is_not_shown_and_a_fault_of_the_program_ends_the_stream(
+    live, walk, tmp_path, monkeypatch
+):
     latest, whole = tmp_path / "frame", {"frame": 1, "unnamed": [], "at": 0.0, "ms": 1.0, "changed": 0, "late": 0}
     with live.connected(walk.xyz):
         stream = live.now()
@@ -151,6 +153,10 @@ def test_a_frame_that_is_just_being_written_is_not_shown(live, walk, tmp_path):
     latest.write_text(json.dumps(whole | {"markers": {"LASI": [1, 2, 3]}}))
     live.module.follow_live()
     assert stream.names == ["LASI"]
+    monkeypatch.setattr(stream, "_worker", None)
+    with pytest.raises(AttributeError):
+        live.module.follow_live()
+    assert live.now() is None and bpy.ops.mocap_autolabel.connect.poll()
 
 
 def test_what_ends_a_stream_is_said(live, walk, monkeypatch):
@@ -244,11 +250,3 @@ def test_a_rig_that_cannot_move_is_told(live, walk):
         live.until(lambda: "does not go where it is put; expected it without" in live.now().words)
         bone = held.pose.bones[0]
         assert (bone.location[:], bone["IK_FK"], held.data.pose_position) == ((1, 2, 3), 0.0, "REST")
-
-
-def test_a_fault_of_the_program_ends_the_stream(live, walk, monkeypatch):
-    with live.connected(walk.xyz):
-        monkeypatch.setattr(live.now(), "_worker", None)
-        with pytest.raises(AttributeError):
-            live.module.follow_live()
-    assert live.now() is None and bpy.ops.mocap_autolabel.connect.poll()

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Open Take, which takes anything, and what the sidebar then tells of it before anything is labelled."""
+"""Open Take, which takes anything, what is told of it before it is labelled, and Label Folder beside Blender."""
 
 import shutil
+import time
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -9,14 +10,19 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.core.pipelines.known_sets import HOW_TO_CHOOSE, HOW_TO_FIND, HOW_TO_TURN
+from addon.core.points.possible import HOW_TO_MIRROR
+from addon.core.points.refusals import HOW_TO_ASK
+from addon.io.batch import read_table
 from addon.io.markersets import SUFFIX, markerset_file
 from addon.io.points import write_c3d
+from addon.scene.take import is_take
 from tests.core.pipelines.test_known_sets import drawn, standing
 
 from .conftest import write_room
 from .hands import ours, press, refused, session
 
-MOST_PANELS, MOST_CLICKS = 8, 3
+MOST_PANELS = 8
 
 
 @pytest.fixture(scope="module")
@@ -38,42 +44,36 @@ def drawn_in_take(monkeypatch) -> str:
     return str(layout.mock_calls)
 
 
-def test_panels_are_few_and_a_person_sees_those_of_one_stage(extension, settings):
-    ui, parts = ours("ui"), ours("ui.parts")
+def test_panels_are_few_and_a_person_sees_those_of_one_stage(shown):
+    ui, shows, settings = ours("ui"), ours("ui.parts").shows, bpy.context.scene.mocap_autolabel
     modules = (*ui.PANEL_MODULES, ui.timeline, ui.quality)
     panels = {one for module in modules for one in vars(module).values() if isinstance(one, type)}
     panels = {one for one in panels if issubclass(one, bpy.types.Panel)}
     assert 4 <= len(panels) <= MOST_PANELS
     assert len([one for one in panels if not hasattr(one, "bl_parent_id")]) == 4
-    assert not parts.shows(bpy.context, "REVIEW")
-
-
-def test_a_stage_follows_a_labelled_take(shown):
-    parts, settings = ours("ui.parts"), bpy.context.scene.mocap_autolabel
-    assert (parts.shows(bpy.context, "REVIEW"), parts.shows(bpy.context, "USE")) == (True, False)
-    settings.display.stage = "USE"
-    assert (parts.shows(bpy.context, "REVIEW"), parts.shows(bpy.context, "USE")) == (False, True)
+    take = settings.take
+    for settings.take, settings.display.stage, seen in (
+        (None, "REVIEW", []), (take, "REVIEW", ["REVIEW"]), (take, "USE", ["USE"])
+    ):  # fmt: skip
+        assert [stage for stage in ("REVIEW", "USE") if shows(bpy.context, stage)] == seen
 
 
 def test_files_of_a_built_in_and_of_an_own_set_are_named_after_three_clicks(settings, tmp_path):
-    """The button and the one of the file browser, which call one operator, and Label; what is worn is found."""
+    """The button and that of the file browser, which call one operator, and Label; what is worn is found."""
     folder = ours("prefs").markerset_folder(create=True)
     own = shutil.copy(markerset_file("gait15"), folder / f"house{SUFFIX}")
     for name, found in (("body39", "body39"), ("gait15", str(own))):
         write_c3d(tmp_path / f"{name}.c3d", standing(drawn(name)))
-        clicks = 2
         opened(tmp_path, f"{name}.c3d")
         press("find_markerset")  # which the window does by itself
         told = settings.subjects.found or session().likely[0].name
         assert told in (found, name)
-        clicks += 1
         press("label")
-        assert clicks <= MOST_CLICKS
         assert settings.take is not None
     own.unlink()
 
 
-def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(settings, tmp_path, monkeypatch):
+def test_sets_that_are_not_sure_are_offered_an_own_one_first_and_none_is_taken(settings, tmp_path, monkeypatch):
     state, own = session(), tmp_path / f"house{SUFFIX}"
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     opened(tmp_path, "one.c3d")
@@ -84,10 +84,11 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
         return None, list(models)
 
     monkeypatch.setattr(ours("core.pipelines.known_sets"), "set_worn", both)
-    monkeypatch.setattr(ours("jobs.job"), "known_models", lambda _: ["body39", str(own)])
-    press("find_markerset")
-    assert [one.name for one in state.likely] == [str(own), "body39"]
-    assert not settings.subjects.found
+    for known in (["body39"], ["body39", str(own)]):
+        monkeypatch.setattr(ours("jobs.job"), "known_models", lambda _, known=known: known)
+        press("find_markerset")
+        assert [one.name for one in state.likely] == known[::-1]
+        assert not settings.subjects.found
     assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
     assert "'Label as body39'" in drawn_in_take(monkeypatch)
     refused("as well as", "label")
@@ -100,22 +101,6 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     assert settings.subjects.markerset == "body39"
     assert settings.take is not None
     assert not ours("ui.panels").asks_which(state, settings)
-
-
-@pytest.mark.parametrize("sure", [True, False])
-def test_a_set_that_is_not_sure_is_offered_and_not_taken(settings, tmp_path, monkeypatch, sure):
-    write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
-    opened(tmp_path, "one.c3d")
-
-    def one(_take, models):
-        yield from ()
-        [worn] = (model for model in models if model.markerset.name == "body39")
-        return worn if sure else None, [worn]
-
-    monkeypatch.setattr(ours("core.pipelines.known_sets"), "set_worn", one)
-    press("find_markerset")
-    assert settings.subjects.found == ("body39" if sure else "")
-    assert [one.name for one in session().likely] == ([] if sure else ["body39"])
 
 
 def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp_path, monkeypatch):
@@ -256,3 +241,91 @@ def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
     press("import_cameras", filepath=room.cameras)
     (tmp_path / "nobody.mp4").write_bytes(b"")
     refused("nobody", "import_take", filepath=tmp_path / "nobody.mp4")
+
+
+PATIENCE = 120.0  # s; a busy machine labels slowly
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory):
+    """A calibration, a marker set, and a folder with a take of blobs and one that is none."""
+    many = write_room(tmp_path_factory.mktemp("many"), 6)
+    (many.folder / "in").mkdir()
+    shutil.move(many.blobs, many.folder / "in")
+    (many.folder / "in" / "bad.csv").write_text("no,blobs\n")
+    return many.folder
+
+
+@pytest.fixture
+def ready(empty, settings, many, tmp_path):
+    """A scene in which only the button is left to press."""
+    press("import_cameras", filepath=many / "room.toml")
+    press("open_markerset", filepath=many / "small.markerset.json")
+    settings.folder.path, settings.folder.out = str(many / "in"), str(tmp_path / "out")
+    settings.source.rate = 60.0
+    module = ours("ops.label_folder")
+    yield SimpleNamespace(context=empty, settings=settings, module=module, out=tmp_path / "out")
+    module.leave_batch()
+
+
+def test_a_folder_is_labelled_and_its_takes_opened(ready):
+    press("label_folder")
+    rows = [(row.name, row.state, row.measured) for row in session().folder_takes]
+    assert rows == [("bad", "failed", False), ("walk", "labelled", True)]
+    assert "holds neither blobs nor 3D points" in session().folder_takes[0].reason
+    assert (session().folder_doing, session().folder_trouble) == ("", "")
+    assert (ready.out / "walk.report.html").is_file()
+    refused("is not there; expected a take that Label Folder labelled", "open_folder_take", index=0)
+    refused("no take is chosen", "open_folder_take", index=5)
+    press("open_folder_take", index=1)
+    assert is_take(bpy.context.scene.mocap_autolabel.take)
+    assert [row.name for row in session().folder_takes] == ["bad", "walk"]
+
+
+def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(ready, many):
+    settings, module = ready.settings, ready.module
+    settings.folder.watch = True
+    line, table, blobs = module.folder_line(settings)
+    assert blobs
+    assert "--idle=0" not in line
+    batch = module.FolderBatch(
+        line, table, module.scene_cameras.cameras_of(settings.source.cameras, ready.context.scene)
+    )
+    module._latest[:] = [batch]
+    assert not bpy.ops.mocap_autolabel.label_folder.poll()
+    until = time.monotonic() + PATIENCE
+    while session().folder_doing != "2 of 2 takes, 1 failed":
+        assert module.follow() == module.FOLLOWED_EVERY
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    assert session().folder_share == 1.0
+    press("stop_folder")
+    while module.follow() is not None:
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    assert (session().folder_doing, session().folder_trouble, module.follow()) == ("", "", None)
+    assert [row.state for row in read_table(table)] == ["failed", "labelled"]
+    assert bpy.ops.mocap_autolabel.label_folder.poll()
+
+
+def test_what_can_be_done_about_a_take_is_told_as_in_the_sidebar(extension):
+    told = {"take": "walk", "state": "failed", "at_stake": 0, "measured": False, "trouble": 0, "on_body": 0}
+    reason = (
+        f"expected one, {HOW_TO_CHOOSE} body39; {HOW_TO_FIND}; or {HOW_TO_TURN} y; or {HOW_TO_ASK}; or {HOW_TO_MIRROR}"
+    )
+    _, _, words, *_ = ours("ops.label_folder")._row(SimpleNamespace(**told, reason=reason, named=None, found=0.0))
+    assert "--" not in words and "MODEL" not in words
+    assert "under Marker Set, as body39" in words
+
+
+def test_what_stops_a_folder_is_said(ready, many, tmp_path):
+    settings = ready.settings
+    settings.folder.path = ""
+    assert not bpy.ops.mocap_autolabel.label_folder.poll()
+    settings.folder.path = str(tmp_path / "none")
+    refused("is no folder; expected one with takes", "label_folder")
+    settings.folder.path = str(many / "in")
+    ready.out.mkdir()
+    shutil.copy(many / "in" / "walk.csv", ready.out / "summary.csv")
+    refused("exists already", "label_folder")
+    assert "exists already" in session().folder_trouble

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From files to named markers with the extension's own operators, what goes wrong, and all of it taken out again."""
 
-import importlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -19,12 +19,12 @@ import pytest
 from addon.core.points.models import Model
 from addon.io.markersets import open_markerset
 from addon.io.models import write_model
-from addon.io.points import read_points
 from addon.scene import naming
+from addon.scene.cameras import cameras_of
 from tests.faults.stage import SECONDS
 
-from .conftest import open_room, write_room
-from .hands import only, ours, press, refused, reopen, session, stored_take
+from .conftest import open_room, rows_of_export, write_room
+from .hands import add_object, only, ours, press, refused, session, stored_take, suspects
 
 KINDS = ["objects", "meshes", "armatures", "actions", "collections", "cameras", "materials", "texts", "libraries"]
 
@@ -106,24 +106,7 @@ def in_fives(extension, labelling, monkeypatch):
     monkeypatch.setattr(job, "read_blobs", partial(job.read_blobs, chunk_frames=5))
 
 
-def test_files_become_named_markers(ready, files):
-    """The whole way, with the real labelling."""
-    press("label")
-    collection = ready.scene.mocap_autolabel.take
-    assert collection.name == "Mocap: walk"
-    empties = only(collection, "EMPTY")
-    assert [item[naming.MARKER] for item in empties] == list(open_markerset(files.markerset).markers)
-    state = session()
-    assert {row.name for row in state.markers} == {item[naming.MARKER] for item in empties}
-    found = [row.labelled for row in state.markers]
-    assert found == sorted(found), "the one that was found least is first"
-    assert {kind: getattr(bpy.data, kind).get("Mocap: walk") is not None for kind in ("actions", "collections")} == {
-        "actions": True,
-        "collections": True,
-    }
-
-
-def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extension, ready, monkeypatch):
+def test_the_real_labelling_names_markers_and_casts_rays_unless_the_closed_form_is_chosen(ready, files, monkeypatch):
     """And names the same blobs alike, but for one in a hundred."""
     occlusion = ours("scene.occlusion")
     asked, hidden = [], occlusion.MeshOcclusion.hidden
@@ -140,6 +123,12 @@ def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extensio
     assert rays["capsules"] == 0
     assert (named["bvh"] >= 0).mean() > 0.8
     assert (named["bvh"] == named["capsules"]).mean() > 0.99
+    assert settings.take.name == bpy.data.collections["Mocap: walk"].name == bpy.data.actions["Mocap: walk"].name
+    names = [item[naming.MARKER] for item in only(settings.take, "EMPTY")]
+    assert names == list(open_markerset(files.markerset).markers)
+    rows = session().markers
+    assert {row.name for row in rows} == set(names)
+    assert [row.labelled for row in rows] == sorted(row.labelled for row in rows), "the one found least is first"
 
 
 def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
@@ -167,16 +156,24 @@ def test_a_body_of_ones_own_is_in_the_way(ready, labelling):
     assert len(labelling.given[0].occlusion.volumes) == len(own) == 8
 
 
-def test_importing_remembers_and_shows_what_there_is(ready, files):
-    settings = ready.scene.mocap_autolabel
-    assert (settings.source.first_frame, settings.source.last_frame) == (101, 130)
-    assert settings.source.blob_count == len(settings.source.preview.vertices) == len(files.truth.marker)
+def test_importing_shows_what_there_is_and_bad_files_are_one_sentence_and_leave_it(ready, files, tmp_path):
+    source, bad, late = ready.scene.mocap_autolabel.source, tmp_path / "bad.csv", tmp_path / "late.csv"
+    assert (source.first_frame, source.last_frame) == (101, 130)
+    assert source.blob_count == len(source.preview.vertices) == len(files.truth.marker)
     assert ready.scene.camera[naming.CAMERA] == "cam 0"
-    assert len(settings.source.cameras.objects) == 4
+    assert len(source.cameras.objects) == 4
     before = counts()
     press("import_cameras", filepath=files.cameras)
     press("import_blobs", filepath=files.blobs)
     assert counts() == before
+    before = counts(), source.cameras, source.blobs_path, source.preview.name
+    refused("there is no such file", "import_cameras", filepath=tmp_path / "none.toml")
+    bad.write_text("frame,camera,x,y\n1,cam 0,3,4\n2,cam 9,3,4\n")
+    refused(r"bad\.csv:3: camera 'cam 9' is not in the calibration", "import_blobs", filepath=bad)
+    refused("marker set", "open_markerset", filepath=bad)
+    late.write_text(f"frame,camera,x,y\n{2**31},cam 0,3,4\n")
+    refused(r"late\.csv: goes on to frame 2147483648; expected", "import_blobs", filepath=late)
+    assert (counts(), source.cameras, source.blobs_path, source.preview.name) == before
 
 
 def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):
@@ -192,32 +189,20 @@ def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):
     assert empty.scene.mocap_autolabel.source.cameras == upright
 
 
-def test_dropped_files_are_read_at_once(extension, empty, files):
-    press("import_cameras", "INVOKE_DEFAULT", filepath=files.cameras)
-    press("import_blobs", "INVOKE_DEFAULT", filepath=files.blobs)
-    importing = ours("ops.importing")
-    handler = importing.MOCAP_AUTOLABEL_FH_take
-    assert handler.is_registered
-    assert handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="VIEW_3D")))
-    assert not handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="IMAGE_EDITOR")))
-    assert handler.bl_import_operator == "mocap_autolabel.import_take"
-    suffixes = handler.bl_file_extensions.split(";")
-    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal", ".csv", ".c3d", ".trc", ".tsv", ".qtm"} <= set(suffixes)
-    assert ".blend" not in suffixes, "which Blender opens"
-
-
-def test_a_scenes_own_cameras_can_be_used(extension, empty, files):
-    refused("no cameras", "use_cameras")
+def test_a_scenes_own_cameras_can_be_used_and_what_is_missing_is_said_before(extension, empty, files):
+    for reason, *names in (
+        ("no cameras", "use_cameras"), ("calibration", "label"), ("no labelled take", "clear"),
+        ("Show a marker set first", "reattach", "save_markerset", "judge_markers"),
+    ):  # fmt: skip
+        for name in names:
+            refused(reason, name)
     for name in ("left", "right"):
-        camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
-        empty.scene.collection.objects.link(camera)
+        camera = add_object(name, bpy.data.cameras.new(name))
         camera.data.shift_x = 0.1
     empty.scene.render.resolution_x, empty.scene.render.resolution_y = 800, 600
     press("use_cameras")
     empty.scene.render.resolution_x = 1234
-    cameras = importlib.import_module("addon.scene.cameras").cameras_of(
-        empty.scene.mocap_autolabel.source.cameras, empty.scene
-    )
+    cameras = cameras_of(empty.scene.mocap_autolabel.source.cameras, empty.scene)
     assert cameras.names == ("left", "right")
     np.testing.assert_array_equal(cameras.size, [[800, 600]] * 2)
     np.testing.assert_allclose(cameras.matrix[0, :2, 2], [400 - 80, 300], rtol=1e-6)
@@ -225,47 +210,16 @@ def test_a_scenes_own_cameras_can_be_used(extension, empty, files):
     refused("right is not a perspective camera", "use_cameras")
 
 
-def test_bad_files_are_one_sentence_and_leave_nothing(extension, empty, files, tmp_path):
-    before = counts()
-    refused("there is no such file", "import_cameras", filepath=tmp_path / "none.toml")
-    assert counts() == before
-    press("import_cameras", filepath=files.cameras)
-    before = counts()
-    bad = tmp_path / "bad.csv"
-    bad.write_text("frame,camera,x,y\n1,cam 0,3,4\n2,cam 9,3,4\n")
-    refused(r"bad\.csv:3: camera 'cam 9' is not in the calibration", "import_blobs", filepath=bad)
-    refused("marker set", "open_markerset", filepath=bad)
-    assert counts() == before
-    assert empty.scene.mocap_autolabel.source.blobs_path == ""
-
-
-def test_blobs_past_the_frames_that_blender_counts_leave_what_is_open(ready, tmp_path):
-    source, late = ready.scene.mocap_autolabel.source, tmp_path / "late.csv"
-    before = source.blobs_path, source.preview.name
-    late.write_text(f"frame,camera,x,y\n{2**31},cam 0,3,4\n")
-    refused(r"late\.csv: goes on to frame 2147483648; expected", "import_blobs", filepath=late)
-    assert (source.blobs_path, source.preview.name) == before
-
-
-def test_what_is_missing_is_said_before_the_button_can_be_pressed(extension, empty, files):
-    for name, reason in (("label", "calibration"), ("clear", "no labelled take")):
-        refused(reason, name)
-    for name in ("reattach", "save_markerset", "judge_markers"):
-        refused("Show a marker set first", name)
-
-
 class Modal:
     """The label operator as Blender's window drives it, without a window."""
 
     def __init__(self, module):
-        self.reports, self.removed = [], 0
-        kind = module.MOCAP_AUTOLABEL_OT_label
-        names = ["_begin", "_tick", "_told", "_tell", "_end", "_show", "_said", "asked", "work", "execute", "modal"]
-        for name in names:
-            setattr(self, name, getattr(kind, name).__get__(self))
-        self._timer, self._found, self.doing, self.everybody, self.force = None, None, kind.doing, False, False
-        self.markerset = ""
-        self.of_scene, self.waits = kind.of_scene, kind.waits
+        self.kind, self.reports = module.MOCAP_AUTOLABEL_OT_label, []
+        self.everybody, self.force, self.markerset = False, False, ""
+
+    def __getattr__(self, name):
+        own = getattr(self.kind, name)
+        return own.__get__(self) if callable(own) else own
 
     def report(self, kind, words):
         self.reports.append((*kind, words))
@@ -319,13 +273,23 @@ def window(ready, monkeypatch):
     return SimpleNamespace(context=context, manager=manager, status=status, operator=Modal(ours("ops.labelling")))
 
 
-def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
-    before = counts()
+def test_escape_ends_only_what_it_is_meant_for_and_leaves_nothing_behind(ready, labelling, in_fives, window):
+    before, chosen = counts(), ready.scene.mocap_autolabel.subjects.markerset
     operator, context = window.operator, window.context
+    operator.markerset = "body39"
+    assert operator._begin(context) == {"RUNNING_MODAL"}
+    assert operator.modal(context, escape()) == {"CANCELLED"}
+    assert ready.scene.mocap_autolabel.subjects.markerset == chosen != "body39"
+    operator.markerset = ""
     assert operator._begin(context) == {"RUNNING_MODAL"}
     assert operator.run(context, lambda: not labelling.given) == {"RUNNING_MODAL"}
     assert list(labelling.folder.iterdir()), "the job writes its files"
-    assert operator.modal(context, SimpleNamespace(type="MOUSEMOVE")) == {"PASS_THROUGH"}
+    others = SimpleNamespace(type="MOUSEMOVE"), escape(value="RELEASE"), escape(x=1000), escape(is_repeat=True)
+    for other in others:
+        assert operator.modal(context, other) == {"PASS_THROUGH"}, other
+    context.window.screen = screen(playing=True)
+    assert operator.modal(context, escape()) == {"PASS_THROUGH"}
+    context.window.screen = screen()
     assert taken(window.manager) == (1, 1)
     assert operator.modal(context, escape()) == {"CANCELLED"}
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
@@ -355,57 +319,40 @@ def test_disabled_while_it_works_the_extension_leaves_nothing_of_it(extension, l
         assert (manager.mocap_autolabel.doing, operator._timer, window.status[-1]) == ("", None, None)
 
 
-def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, window):
-    operator, context = window.operator, window.context
-    operator.markerset, before = "body39", ready.scene.mocap_autolabel.subjects.markerset
-    assert operator._begin(context) == {"RUNNING_MODAL"}
-    for other in (escape(value="RELEASE"), escape(x=1000), escape(is_repeat=True)):
-        assert operator.modal(context, other) == {"PASS_THROUGH"}, other
-    context.window.screen = screen(playing=True)
-    assert operator.modal(context, escape()) == {"PASS_THROUGH"}
-    context.window.screen = screen()
-    assert operator.modal(context, escape()) == {"CANCELLED"}
-    assert ready.scene.mocap_autolabel.subjects.markerset == before != "body39"
-    assert not list(labelling.folder.iterdir())
-
-
-def test_much_work_is_not_given_up_unasked(ready, labelling, window):
-    state = window.manager.mocap_autolabel
-    cancel = labelling.long_work.MOCAP_AUTOLABEL_OT_cancel
-    state.doing, state.spent, state.cancelled = "Labelling: 40%, 2 min left", 80.0, False
-    asked = SimpleNamespace(execute=cancel.execute)
-    try:
-        assert cancel.invoke(asked, window.context, escape()) == {"RUNNING_MODAL"}
-        assert not state.cancelled
-        assert window.manager.invoke_confirm.call_args.kwargs["title"] == "Throw away 80 s of work?"
-        state.spent = 9.0
-        asked.execute, asked.work = lambda context: cancel.execute(asked, context), lambda _: cancel.work(asked, _)
-        assert cancel.invoke(asked, window.context, escape()) == {"FINISHED"}
-        assert state.cancelled
-    finally:
-        state.doing, state.spent, state.cancelled = "", 0.0, False
-
-
-def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labelling, in_fives, window, monkeypatch):
+def test_the_panel_says_how_long_it_takes_and_its_button_cancels_but_not_much_work_unasked(
+    ready, labelling, in_fives, window
+):
     operator, context, state = window.operator, window.context, window.manager.mocap_autolabel
+    long_work, other = labelling.long_work, Modal(labelling.module)
+    told = [long_work.time_left(10, 0.5), long_work.time_left(1, 0.5), long_work.time_left(60, 0.1)]
+    assert told == ["10 s", "", "9 min"]
     assert operator._begin(context) == {"RUNNING_MODAL"}
     assert state.doing.startswith("Labelling: 0%")
     refused("going on already", "label")
-    other = Modal(labelling.module)
     assert other._begin(context) == {"CANCELLED"}
     assert "labelling goes on; expected" in other.reports[0][1]
+    cancel = long_work.MOCAP_AUTOLABEL_OT_cancel
+    asked = SimpleNamespace(
+        execute=lambda context: cancel.execute(asked, context), work=lambda _: cancel.work(asked, _)
+    )
+    state.spent = 80.0
+    assert cancel.invoke(asked, context, escape()) == {"RUNNING_MODAL"}
+    assert not state.cancelled
+    assert window.manager.invoke_confirm.call_args.kwargs["title"] == "Throw away 80 s of work?"
+    state.spent = 9.0
+    assert cancel.invoke(asked, context, escape()) == {"FINISHED"}
+    assert state.cancelled
+    state.cancelled = False
     press("cancel")
     assert operator.tick(context) == {"CANCELLED"}
     assert state.doing == ""
-    time_left = labelling.long_work.time_left
-    told = [time_left(10, 0.5), time_left(1, 0.5), time_left(60, 0.1)]
-    assert told == ["10 s", "", "9 min"]
 
 
 def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, window):
     operator, context = window.operator, window.context
     assert operator._begin(context) == {"RUNNING_MODAL"}
     before, ticks = counts(), []
+    window.manager.mocap_autolabel.unfolded, ready.scene.mocap_autolabel.source.blobs_path = False, "another.csv"
 
     def untouched() -> bool:
         ticks.append(counts() == before)
@@ -416,17 +363,10 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
     assert len(ticks) >= 30 / 5 + 1
     assert not list(labelling.folder.iterdir()), "the job's files are gone"
     assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
+    assert window.manager.mocap_autolabel.unfolded, "what was opened meanwhile is seen"
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
     shares = [call.args[0] for call in window.manager.progress_update.call_args_list]
     assert shares == sorted(shares)
-
-
-def test_what_is_opened_while_a_take_is_labelled_is_seen_once_that_is_shown(ready, labelling, window):
-    assert window.operator._begin(window.context) == {"RUNNING_MODAL"}
-    window.manager.mocap_autolabel.unfolded, ready.scene.mocap_autolabel.source.blobs_path = False, "another.csv"
-    assert window.operator.run(window.context) == {"FINISHED"}
-    assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
-    assert window.manager.mocap_autolabel.unfolded
 
 
 @pytest.mark.parametrize("beside", [False, True], ids=["here", "in another window"])
@@ -528,7 +468,7 @@ def test_trouble_on_the_way_gives_everything_back(files, labelling, window, monk
     assert counts() == before
 
 
-def test_the_review_names_gaps_and_suspects(ready, labelling, suspects):
+def test_the_review_names_gaps_and_suspects_and_its_buttons_lead_there(ready, labelling):
     press("label")
     rows = {row.name: row for row in session().markers}
     # The fifth frames of `made.motion` are lost, and its third marker is not seen for a sixth of the take.
@@ -538,10 +478,6 @@ def test_the_review_names_gaps_and_suspects(ready, labelling, suspects):
     assert rows["SACR"].residual == pytest.approx(1.0)
     # The names are made up, which is no camera's fault, and told as one's.
     assert [one for one in suspects() if not one[2].startswith("camera ")] == [(104, 105, "nobody found")]
-
-
-def test_jumping_selects_the_marker_and_looking_through_a_camera_sets_its_picture(ready, labelling):
-    press("label")
     press("jump", frame=107, marker="CLAV")
     assert ready.scene.frame_current == 107
     assert [item[naming.MARKER] for item in ready.selected_objects] == ["CLAV"]
@@ -552,27 +488,22 @@ def test_jumping_selects_the_marker_and_looking_through_a_camera_sets_its_pictur
     refused("not a calibrated camera", "look_through", camera="nobody")
 
 
-def test_clearing_removes_the_take_and_nothing_else(ready, labelling):
-    before = counts()
-    press("label")
-    assert counts() != before
-    press("clear")
-    assert {**counts(), "materials": 0} == {**before, "materials": 0}
-    assert len(session().markers) == 0
+def test_labelling_is_one_undo_step_and_clearing_removes_the_take_and_nothing_else(ready, labelling):
+    def is_as_before() -> bool:
+        nothing = (bpy.context.scene.mocap_autolabel.take, len(session().markers)) == (None, 0)
+        return nothing and {**counts(), "materials": 0} == {**before, "materials": 0}
 
-
-def test_labelling_is_one_undo_step(ready, labelling):
     bpy.ops.ed.undo_push(message="Before")
     before = counts()
     press("label", "EXEC_DEFAULT", True)
     assert bpy.context.scene.mocap_autolabel.take is not None
     bpy.ops.ed.undo()
-    assert bpy.context.scene.mocap_autolabel.take is None
-    assert {**counts(), "materials": 0} == {**before, "materials": 0}
-    assert len(session().markers) == 0
+    assert is_as_before()
     bpy.ops.ed.redo()
     assert bpy.context.scene.mocap_autolabel.take.name == "Mocap: walk"
     assert len(session().markers) == 13
+    press("clear")
+    assert is_as_before()
 
 
 def test_a_marker_set_of_ones_own(ready, files, tmp_path):
@@ -615,61 +546,28 @@ def test_own_marker_sets_are_found_in_the_extensions_folder(extension, settings,
         props.chosen_markerset(settings.subjects)
 
 
-def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
-    press("label")
-    press("export_labels", filepath=tmp_path / "walk.labels.csv")
-    rows = (tmp_path / "walk.labels.csv").read_text().splitlines()
-    source = (files.folder / "walk.csv").read_text().splitlines()
-    assert rows[0] == "frame,camera,x,y,marker,step,confidence"
-    assert [row.split(",")[:4] for row in rows[1:]] == [row.split(",")[:4] for row in source[1:]]
-    assert [row.split(",")[4:] for row in rows[1:4]] == [
-        ["SACR", "", "0.8"],
-        ["LASI", "exclusive", "0.8"],
-        ["RASI", "conflict", "0.8"],
-    ]
-    stored = stored_take()
-    for suffix in ("c3d", "trc"):
-        path = tmp_path / f"walk.{suffix}"
-        press(f"export_{suffix}", filepath=path)
-        points = read_points(path)
-        assert points.names == stored.names
-        assert (points.first_frame, len(points.xyz)) == (101, 30)
-        np.testing.assert_allclose(points.xyz, stored.motion.markers, atol=1e-5)
-
-
-def test_exports_never_replace_what_the_take_was_made_of(ready, labelling, files, tmp_path):
-    copy = tmp_path / "walk.csv"
-    copy.write_text((files.folder / "walk.csv").read_text())
-    (tmp_path / "link.csv").hardlink_to(copy)
+def test_labels_are_written_beside_what_they_are_of_which_nothing_replaces_and_which_may_not_change(
+    ready, labelling, files, tmp_path
+):
+    copy, link, out = (tmp_path / f"{name}.csv" for name in ("walk", "link", "out"))
+    shutil.copy(files.blobs, copy)
+    link.hardlink_to(copy)
     press("import_blobs", filepath=copy)
     press("label")
-    before = {Path(path): Path(path).read_bytes() for path in (copy, files.markerset)}
+    before = {path: path.read_bytes() for path in (copy, Path(files.markerset))}
     for export in ("labels", "c3d", "trc", "report"):
-        for path in (copy, tmp_path / "link.csv", files.markerset):
+        for path in (*before, link):
             refused("would be written over", f"export_{export}", filepath=path)
     assert {path: path.read_bytes() for path in before} == before
-
-
-def test_labels_of_a_file_that_has_changed_are_not_written(ready, labelling, files, tmp_path):
-    copy = tmp_path / "walk.csv"
-    copy.write_text((files.folder / "walk.csv").read_text())
-    press("import_blobs", filepath=copy)
-    press("label")
-    copy.write_text("\n".join(copy.read_text().splitlines()[:-1]) + "\n")
-    refused("other blobs than those that were labelled", "export_labels", filepath=tmp_path / "out.labels.csv")
-    assert [path.name for path in tmp_path.iterdir()] == ["walk.csv"]
-
-
-def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extension, empty, made, tmp_path, suspects):
-    importlib.import_module("addon.scene.take").show_take(empty, made.take())
-    assert empty.scene.mocap_autolabel.take is None
-    reopen(tmp_path / "elsewhere.blend")
-    settings = bpy.context.scene.mocap_autolabel
-    assert settings.take.name == "Mocap: walk"
-    assert len(settings.source.cameras.objects) == 4
-    assert settings.source.rate == pytest.approx(59.94)
-    assert len(suspects()) == 2
-    assert len(session().markers) == len(made.markerset())
+    rows, source = rows_of_export(out), copy.read_text().splitlines()
+    assert out.read_text().splitlines()[0] == "frame,camera,x,y,marker,step,confidence"
+    assert [row[:4] for row in rows] == [row.split(",")[:4] for row in source[1:]]
+    steps = ["SACR", "", "0.8"], ["LASI", "exclusive", "0.8"], ["RASI", "conflict", "0.8"]
+    assert tuple(row[4:] for row in rows[:3]) == steps
+    out.unlink()
+    copy.write_text("\n".join(source[:-1]) + "\n")
+    refused("other blobs than those that were labelled", "export_labels", filepath=out)
+    assert {path.name for path in tmp_path.iterdir()} == {"walk.csv", "link.csv"}
 
 
 ADDED = (
@@ -680,19 +578,10 @@ ADDED = (
 
 def everything():
     """What an extension can add to Blender: classes, properties, handlers, timers and commands."""
-    classes = {
-        cls.__module__ + "." + cls.__name__ for kind in ADDED for cls in kind.__subclasses__() if cls.is_registered
-    }
-    properties = {
-        (kind.__name__, name)
-        for kind in (bpy.types.Scene, bpy.types.WindowManager)
-        for name, _ in kind.bl_rna.properties.items()
-    }
-    handlers = {
-        name: [getattr(function, "__module__", "") for function in getattr(bpy.app.handlers, name)]
-        for name in dir(bpy.app.handlers)
-        if isinstance(getattr(bpy.app.handlers, name), list)
-    }
+    classes = {str(cls) for kind in ADDED for cls in kind.__subclasses__() if cls.is_registered}
+    properties = [kind.bl_rna.properties.keys() for kind in (bpy.types.Scene, bpy.types.WindowManager)]
+    lists = {name: getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)}
+    handlers = {name: [one.__module__ for one in found] for name, found in lists.items() if isinstance(found, list)}
     return classes, properties, handlers
 
 

@@ -43,33 +43,23 @@ def test_blobs_lie_on_their_markers_with_the_lens_taken_out(empty, shown):
         assert named.sum() > 3
         look_through(empty.scene, camera)
         empty.view_layer.update()
-        for blob, marker in zip(seen.xyz[named], seen.marker[named], strict=True):
-            here, there = (
-                world_to_camera_view(empty.scene, camera, Vector(point)).xy
-                for point in (blob, take.motion.expected[10, marker])
-            )
+        for pair in zip(seen.xyz[named], take.motion.expected[10, seen.marker[named]], strict=True):
+            here, there = (world_to_camera_view(empty.scene, camera, Vector(point)).xy for point in pair)
             assert (here - there).length < 1e-4
 
 
 def test_links_take_the_colour_of_their_step(shown, marks):
+    """And a lost frame has blobs and no links, one outside of the take has nothing."""
     _, stored = shown
     seen = blob_dots(stored, 10, 0, np.eye(4))
     ends, colours = marks.links(stored, 10, seen)
     named = seen.marker != NO_MARKER
     assert len(ends) == named.sum()
+    pairs = {1: (marks.GREEN, marks.GREEN), 2: (marks.CYAN, marks.MAGENTA), 3: (marks.BLACK, marks.WHITE)}
     for step, (first, last) in zip(stored.labels.step[seen.trajectory[named]], colours, strict=True):
-        assert (tuple(first), tuple(last)) == {
-            1: (marks.GREEN, marks.GREEN),
-            2: (marks.CYAN, marks.MAGENTA),
-            3: (marks.BLACK, marks.WHITE),
-        }[int(step)]
-
-
-def test_a_lost_frame_has_blobs_and_no_links_and_one_outside_the_take_nothing(shown, marks):
-    _, stored = shown
-    seen = blob_dots(stored, 3, 0, np.eye(4))
-    assert len(seen.xyz) == 1
-    assert len(marks.links(stored, 3, seen)[0]) == 0
+        assert (tuple(first), tuple(last)) == pairs[int(step)]
+    lost = blob_dots(stored, 3, 0, np.eye(4))
+    assert (len(lost.xyz), len(marks.links(stored, 3, lost)[0])) == (1, 0)
     assert [stored.index_of(frame) for frame in (100, 101, 120, 121)] == [-1, 0, 19, -1]
 
 
@@ -95,8 +85,6 @@ def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_wha
     assert np.isnan(starts[0]).all()
     assert np.isfinite(starts[1]).all()
 
-
-def test_names_keep_off_the_words_of_the_view(extension):
     class Canvas(ours("ui.overlay").Canvas):
         def __init__(self):
             self.scale, self._words = 1.0, []
@@ -105,7 +93,7 @@ def test_names_keep_off_the_words_of_the_view(extension):
     canvas.text("38 of 38 points named", 60, 20)
     canvas.names(["LASI"], np.array([[70.0, 24.0]]))
     (_, _, low, _), (_, _, high, _) = canvas._words
-    assert high >= low + 11
+    assert high >= low + 11, "names keep off the words of the view"
 
 
 def test_of_a_take_that_a_person_hides_nothing_is_drawn(extension, empty, shown):
@@ -155,7 +143,7 @@ def previewed(take, *cameras: int):
     return read_preview(mesh, take.cameras.select(list(cameras)) if cameras else take.cameras)
 
 
-def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made):
+def test_blobs_are_looked_at_before_they_are_labelled_and_their_rays_meet_where_markers_are(empty, made):
     take = made.take()
     stored = previewed(take)
     np.testing.assert_array_equal(stored.rows.frames, take.rows.frames)
@@ -163,11 +151,7 @@ def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made):
     np.testing.assert_allclose(stored.rows.xy, take.rows.xy, atol=1e-4)
     assert len(blob_dots(stored, 4, 0, np.eye(4)).xyz) == 1
     assert len(previewed(take, 1, 2).rows) == np.isin(take.rows.camera, [1, 2]).sum()
-
-
-def test_rays_of_blobs_without_names_meet_where_markers_are(empty, made):
-    take = made.take()
-    found = FrameRays.of(previewed(take), 10)
+    found = FrameRays.of(stored, 10)
     off = np.linalg.norm(found.points[:, None] - take.motion.markers[10], axis=2)
     assert len(found.points) > 5
     assert off.min(axis=1).max() < 0.02

@@ -12,7 +12,6 @@ from mathutils import Color
 from addon.cli import main as command
 from addon.core.data.takes import Motion
 from addon.core.points.models import Model
-from addon.core.points.several.wearers import SetsWorn, Wearer
 from addon.core.posing.ends import with_ends
 from addon.core.posing.finer import finer
 from addon.io.markersets import markerset_file, open_markerset
@@ -24,9 +23,9 @@ from addon.scene.armature import SCALE
 from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from tests.core.pipelines.test_known_sets import drawn, standing
-from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
+from tests.inputs.walkers import FIRST, FRAMES, RATE, WORN, write_pair, write_seen
 
-from .hands import choose, list_performers, only, ours, press, refused, reopen, session, stored_take
+from .hands import choose, list_performers, only, ours, press, refused, reopen, session, shown, stored_take
 
 
 def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
@@ -56,8 +55,8 @@ def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
     assert colours["ann"] != colours["bob"]
     for name, home in homes.items():
         materials = {item.data.materials[0] for item in only(home, "MESH")}
-        shown = [tuple(Color(one.diffuse_color[:3]).from_scene_linear_to_srgb()) for one in materials]
-        assert shown == [pytest.approx(colours[name], abs=1e-4)]
+        seen = [tuple(Color(one.diffuse_color[:3]).from_scene_linear_to_srgb()) for one in materials]
+        assert seen == [pytest.approx(colours[name], abs=1e-4)]
 
 
 def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take_is_opened(settings, tmp_path):
@@ -86,10 +85,8 @@ def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take
 
 
 def test_two_are_seen_before_anything_is_labelled_and_labelled_by_the_button_that_is_offered(settings, tmp_path):
-    state = session()
-    write_c3d(
-        tmp_path / "two.c3d", standing(np.concatenate([drawn("body39"), drawn("body39", 1) + np.array([2, 0, 0])]))
-    )
+    state, both = session(), np.concatenate([drawn("body39"), drawn("body39", 1) + np.array([2, 0, 0])])
+    write_c3d(tmp_path / "two.c3d", standing(both))
     press("import_take", filepath=tmp_path / "two.c3d")
     press("find_markerset")
     assert settings.subjects.found == "body39"
@@ -99,17 +96,9 @@ def test_two_are_seen_before_anything_is_labelled_and_labelled_by_the_button_tha
     assert list(performers.homes(settings.take)) == ["1", "2"]
 
 
-@pytest.mark.parametrize("of_blobs", [False, True])
-def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(settings, tmp_path, of_blobs):
-    state = session()
-    write_seen(tmp_path)
-    if of_blobs:
-        press("import_cameras", filepath=tmp_path / "room.toml")
-        press("import_blobs", filepath=tmp_path / "seen.csv")
-    else:
-        press("import_points", filepath=tmp_path / "pair.c3d")
-    settings.subjects.markerset, settings.subjects.performing, settings.source.rate = WORN, "ONE", RATE
-    panels = ours("ui.panels")
+def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(seen):
+    settings, state, panels = seen, session(), ours("ui.panels")
+    settings.subjects.performing = "ONE"
     assert not panels.crowded_here(state, settings)
     with pytest.raises(RuntimeError, match=r"two subjects or more.*by Label All Performers, or by How Many") as caught:
         press("label")
@@ -121,8 +110,9 @@ def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(s
     assert not panels.crowded_here(state, settings)
 
 
-def test_a_colour_is_the_bodys_and_of_all_that_is_drawn(empty, made):
-    collection = takes.show_take(empty, made.pair())
+def test_a_colour_is_the_bodys_and_of_all_that_is_drawn_also_when_labelled_again(empty, made):
+    take = made.pair()
+    collection = takes.show_take(empty, take)
     stored = Opened().take(collection, empty.scene)
     performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
     performers.set_colour(collection, "nobody", (0, 0, 0))
@@ -130,6 +120,10 @@ def test_a_colour_is_the_bodys_and_of_all_that_is_drawn(empty, made):
     count = len(made.markerset())
     np.testing.assert_allclose(drawn[count:], np.tile([0.1, 0.2, 0.3], (count, 1)), atol=1e-4)
     assert not np.allclose(drawn[:count], drawn[count:])
+    after = show_again(empty, take, whole=True)
+    assert takes.takes_of(empty.scene) == [after]
+    assert performers.colours_in(after)["bob"] == pytest.approx((0.1, 0.2, 0.3), abs=1e-4)
+    assert [child.name for child in after.children] == ["ann", "bob"]
     alone = takes.show_take(empty, made.take())
     assert performers.marker_colours(alone, Opened().take(alone, empty.scene).performers, 13) is None
 
@@ -162,26 +156,14 @@ def test_one_performer_has_no_name(empty, made):
         np.testing.assert_array_equal(getattr(own, field), getattr(stored.motion, field))
 
 
-def test_labelled_again_they_take_their_own_place_and_colours(empty, made):
-    take = made.pair()
-    performers.set_colour(takes.show_take(empty, take), "ann", (0.5, 0.25, 0.125))
-    after = show_again(empty, take, whole=True)
-    assert takes.takes_of(empty.scene) == [after]
-    assert performers.colours_in(after)["ann"] == pytest.approx((0.5, 0.25, 0.125), abs=1e-4)
-    assert [child.name for child in after.children] == ["ann", "bob"]
-
-
 def test_a_range_is_put_into_a_take_whose_bodies_had_no_toes(empty, made):
     markerset = open_markerset("gait15")
-    old = made.pair(markerset=markerset)
-    takes.show_take(empty, old)
     longer = with_ends(markerset)
     count, known = len(longer.skeleton), len(markerset.skeleton)
     assert count == known + 2
-    whole = with_range(empty, made.pair(markerset=longer), longer)
-    assert whole.frames.tolist() == old.motion.frames.tolist()
+    old, whole = with_range(empty, made, markerset, longer)
     for number in range(2):
-        there, before = whole.joints[:, number * count :][:, :count], old.motion.joints[:, number * known :][:, :known]
+        there, before = whole.joints[:, number * count :][:, :count], old.joints[:, number * known :][:, :known]
         outside = np.r_[0:5, 9 : len(whole.frames)]
         np.testing.assert_allclose(there[outside, :known], before[outside], atol=1e-6)
         found = np.isfinite(before).all(axis=(1, 2))
@@ -196,45 +178,25 @@ def test_a_range_is_put_into_a_take_whose_bodies_had_other_joints(empty, made):
     markerset = open_markerset("body39")
     more = finer(markerset)
     assert not np.array_equal(more.attachment, markerset.attachment)
-    old = made.pair(markerset=markerset)
-    takes.show_take(empty, old)
-    whole = with_range(empty, made.pair(markerset=more), more)
-    assert whole.frames.tolist() == old.motion.frames.tolist()
-    found = np.isfinite(old.motion.joints).all(axis=(1, 2))
+    old, whole = with_range(empty, made, markerset, more)
+    found = np.isfinite(old.joints).all(axis=(1, 2))
     assert found.any()
     np.testing.assert_array_equal(np.isfinite(whole.joints).all(axis=(1, 2)), found)
 
 
-def with_range(context, new, markerset) -> Motion:
-    """The motion of the scene's take after some frames of `new`, in which nothing is seen, were labelled in a set."""
+def with_range(context, made, before, after) -> tuple[Motion, Motion]:
+    """The motion of a take of two in a set, and after frames in which nothing is seen were labelled in another set."""
+    old, new = (made.pair(markerset=one) for one in (before, after))
+    takes.show_take(context, old)
     motion = Motion(*(getattr(new.motion, field)[5:9] for field in Motion.__dataclass_fields__))
     rows = replace(new.rows, frames=motion.frames, frame=new.rows.frame[:0], trajectory=new.rows.trajectory[:0])
     rows = replace(rows, xyz=new.rows.xyz[:0], residual=new.rows.residual[:0])
-    worn = SetsWorn(tuple(Wearer(name, Model(markerset)) for name in ("ann", "bob")))
-    part = replace(new, markerset=worn, rows=rows, labels=new.labels[:0], motion=motion, suspects=())
-    after = show_again(context, part, whole=False)
-    assert takes.takes_of(context.scene) == [after]
-    assert not after.hide_viewport
-    return Opened().take(after, context.scene).motion
-
-
-def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_path):
-    """What `label --subjects 2 --blend` saves is what the job makes in Blender."""
-    write_pair(tmp_path)
-    words = "label", tmp_path / "pair.c3d", "--model", WORN, "--subjects", "2", "--blend", "--out", tmp_path / "out"
-    assert command([str(word) for word in words]) == 0
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "pair.blend"))
-    [collection] = takes.takes_of(bpy.context.scene)
-    stored = Opened().take(collection, bpy.context.scene)
-    assert [one.name for one in stored.performers] == ["1", "2"]
-    assert stored.labels.named.mean() > 0.95
-    for home in performers.homes(collection).values():
-        [armature] = only(home, "ARMATURE")
-        assert armature.animation_data.action is not None
-        assert np.isfinite(list(armature[SCALE])).all()
-    written = read_points(tmp_path / "out" / "pair.c3d")
-    assert written.names[:30] == stored.names
-    np.testing.assert_allclose(written.xyz[:, :30], stored.motion.markers, atol=1e-5)
+    again = show_again(context, replace(new, rows=rows, labels=new.labels[:0], motion=motion, suspects=()), whole=False)
+    assert takes.takes_of(context.scene) == [again]
+    assert not again.hide_viewport
+    whole = Opened().take(again, context.scene).motion
+    assert whole.frames.tolist() == old.motion.frames.tolist()
+    return old.motion, whole
 
 
 @pytest.fixture
@@ -246,24 +208,44 @@ def imported(settings, tmp_path):
     return settings
 
 
-def names_of_markers(collection: bpy.types.Collection) -> set[str]:
-    return {item[naming.MARKER] for item in collection.all_objects if naming.MARKER in item}
+@pytest.fixture(params=["points", "blobs"])
+def seen(request, settings, tmp_path):
+    """The same, or the blobs of the two."""
+    write_seen(tmp_path)
+    if request.param == "points":
+        press("import_points", filepath=tmp_path / "pair.c3d")
+    else:
+        press("import_cameras", filepath=tmp_path / "room.toml")
+        press("import_blobs", filepath=tmp_path / "seen.csv")
+    settings.subjects.markerset, settings.source.rate = WORN, RATE
+    return settings
 
 
 @pytest.mark.parametrize("performing", ["SO_MANY", "AUTO"])
 def test_as_many_are_named_as_are_asked_for(imported, performing, tmp_path):
-    """And the labels are those of the command line."""
+    """And what the command line writes and saves is the same."""
     imported.subjects.performing = performing
     press("label")
     markers = open_markerset(WORN).markers
-    assert names_of_markers(imported.take) == {f"{number}:{name}" for number in (1, 2) for name in markers}
-    assert {row.name for row in session().markers} == names_of_markers(imported.take)
+    assert set(shown()) == {f"{number}:{name}" for number in (1, 2) for name in markers}
+    assert {row.name for row in session().markers} == set(shown())
     press("jump", frame=20, marker="2:LASI")
     assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["2:LASI"]
     press("export_labels", filepath=tmp_path / "own.labels.csv")
-    words = "label", tmp_path / "pair.c3d", "--model", WORN, "--subjects", "2", "--out", tmp_path / "out"
+    words = "label", tmp_path / "pair.c3d", "--model", WORN, "--subjects", "2", "--blend", "--out", tmp_path / "out"
     assert command([str(word) for word in words]) == 0
     assert (tmp_path / "own.labels.csv").read_bytes() == (tmp_path / "out" / "pair.labels.csv").read_bytes()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "pair.blend"))
+    [collection] = takes.takes_of(bpy.context.scene)
+    stored = stored_take()
+    assert [one.name for one in stored.performers] == ["1", "2"]
+    for home in performers.homes(collection).values():
+        [armature] = only(home, "ARMATURE")
+        assert armature.animation_data.action is not None
+        assert np.isfinite(list(armature[SCALE])).all()
+    written = read_points(tmp_path / "out" / "pair.c3d")
+    assert written.names[:30] == stored.names
+    np.testing.assert_allclose(written.xyz[:, :30], stored.motion.markers, atol=1e-5)
 
 
 def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path):
@@ -292,28 +274,24 @@ def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path
     press("remove_performer")
     assert [row.name for row in imported.subjects.performers] == ["ann"]
     press("label")
-    assert {name.split(":")[0] for name in names_of_markers(imported.take)} == {"ann"}
+    assert {name.split(":")[0] for name in shown()} == {"ann"}
     imported.subjects.performers[0].colour = (0.25, 0.5, 0.75)
     assert performers.colours_in(imported.take)["ann"] == pytest.approx((0.25, 0.5, 0.75), abs=1e-4)
 
 
-@pytest.mark.parametrize("kind", ["points", "blobs"])
-def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_named(
-    extension, empty, tmp_path, monkeypatch, kind
+def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_named_and_a_part_is_not(
+    seen, monkeypatch
 ):
     """Though those of one would not."""
-    write_seen(tmp_path)
-    settings, worn = empty.scene.mocap_autolabel, open_markerset(WORN)
-    if kind == "points":
-        press("import_points", filepath=tmp_path / "pair.c3d")
-    else:
-        press("import_cameras", filepath=tmp_path / "room.toml")
-        press("import_blobs", filepath=tmp_path / "seen.csv")
-    settings.subjects.markerset, settings.subjects.performing = WORN, "SO_MANY"
+    worn, labelling, seen.subjects.performing = open_markerset(WORN), seen.labelling, "SO_MANY"
     poses, pipeline = map(ours, ("io.poses", "core.points.several.pipeline"))
     monkeypatch.setattr(poses, "MOST_SHOWN", FRAMES * (3 * len(worn) + 7 * len(worn.skeleton)) * 3 // 2)
-    monkeypatch.setattr(pipeline, "cut", lambda *_, **__: pytest.fail("it was begun"))
-    refused(f"has {FRAMES} frames, whose keys .* expected at most 30: choose a part", "label")
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "cut", lambda *_, **__: pytest.fail("it was begun"))
+        refused(f"has {FRAMES} frames, whose keys .* expected at most 30: choose a part .* Label Folder", "label")
+    assert seen.take is None
+    labelling.use_range, labelling.range_first, labelling.range_last = True, FIRST, FIRST + 19
+    press("label")
 
 
 @pytest.fixture
@@ -361,12 +339,6 @@ def test_they_are_written_together_and_each_alone(duet, made, tmp_path):
     np.testing.assert_allclose(alone.xyz[:], take.motion.markers[:, 13:], atol=1e-5)
 
 
-def test_nothing_is_learned_from_several_at_once(duet, extension):
-    training = ours("ops.training")
-    for operator in (training.learn_take, training.learn_frame):
-        assert "several performers" in operator.lacks(bpy.context)
-
-
 def test_each_has_a_character(empty, settings, made, tmp_path):
     take = made.pair(markerset=open_markerset("body26"))
     settings.take = takes.show_take(empty, take)
@@ -385,33 +357,32 @@ def test_each_has_a_character(empty, settings, made, tmp_path):
     assert (tmp_path / "b.bvh").read_bytes() == (tmp_path / "duet bob.bvh").read_bytes()
 
 
-def follows(duet, name: str, trajectory: int):
+def follows(name: str, trajectory: int):
     """Asserts that a marker is that trajectory in all frames, in the take and in the view."""
     take = stored_take()
     rows = np.flatnonzero(take.labels.marker == take.names.index(name))
     assert set(take.rows.trajectory[rows].tolist()) == {trajectory}
-    [item] = [one for one in duet.take.all_objects if one.get(naming.MARKER) == name]
     here = rows[take.rows.frames[take.rows.frame[rows]] == bpy.context.scene.frame_current]
-    np.testing.assert_allclose(item.matrix_world.translation, take.rows.xyz[here[0]], atol=1e-5)
+    np.testing.assert_allclose(shown()[name].matrix_world.translation, take.rows.xyz[here[0]], atol=1e-5)
 
 
 def test_a_trajectory_is_named_as_whoevers_it_is_and_what_was_that_is_given_back(duet):
     press("pick", point=26)  # the ghost
     press("name_point", marker="bob:LASI", scope="WHOLE")
-    follows(duet, "bob:LASI", 26)
-    follows(duet, "ann:LASI", 1)
+    follows("bob:LASI", 26)
+    follows("ann:LASI", 1)
     press("remove_correction", index=0)
-    follows(duet, "bob:LASI", 14)
+    follows("bob:LASI", 14)
     press("pick", point=1)
     press("other_performer", scope="WHOLE")
-    follows(duet, "bob:LASI", 1)
-    follows(duet, "ann:LASI", 14)
+    follows("bob:LASI", 1)
+    follows("ann:LASI", 14)
     assert len(stored_take().edits) == 2
     press("clear_corrections")
-    follows(duet, "ann:LASI", 1)
+    follows("ann:LASI", 1)
 
 
-def test_selected_markers_are_exchanged_in_a_range(duet):
+def test_selected_markers_are_exchanged_in_a_range_and_performers_whole(duet):
     choose("ann:LASI", "bob:LASI", "ann:SACR")
     press("other_performer", scope="ON")
     assert [edit.markers for edit in stored_take().edits] == [("ann:SACR", "bob:SACR"), ("ann:LASI", "bob:LASI")]
@@ -421,17 +392,15 @@ def test_selected_markers_are_exchanged_in_a_range(duet):
         late = rows.frames[rows.frame[mine]] >= 115
         assert set(marker[mine][late]) == {after}
         assert set(marker[mine][~late]) == {before}
-
-
-def test_performers_are_exchanged_whole(duet):
+    press("clear_corrections")
     press("exchange_performers", one="ann", other="bob", scope="WHOLE")
     for marker in range(13):
         name = stored_take().names[marker].split(":")[1]
-        follows(duet, f"ann:{name}", 13 + marker)
-        follows(duet, f"bob:{name}", marker)
+        follows(f"ann:{name}", 13 + marker)
+        follows(f"bob:{name}", marker)
 
 
-def test_what_cannot_be_said_of_whose_it_is(duet, extension, made):
+def test_what_cannot_be_said_of_whose_it_is_nor_learned_of_several(duet, extension, made):
     press("pick", point=26)
     refused("has no name", "other_performer")
     press("pick_none")
@@ -440,6 +409,9 @@ def test_what_cannot_be_said_of_whose_it_is(duet, extension, made):
     refused("is ann's already", "other_performer", performer="ann")
     refused("expected two performers", "exchange_performers", one="ann", other="ann")
     assert not len(stored_take().edits)
+    training = ours("ops.training")
+    for operator in (training.learn_take, training.learn_frame):
+        assert "several performers" in operator.lacks(bpy.context)
     duet.take = takes.show_take(bpy.context, made.take())
     assert not bpy.ops.mocap_autolabel.other_performer.poll()
     assert not bpy.ops.mocap_autolabel.exchange_performers.poll()

@@ -13,33 +13,29 @@ from mathutils import Matrix
 
 from addon.cli import main as command
 from addon.core.body.bodies import BodyModel
-from addon.core.data.takes import Labels, Motion, PointRows, Suspect
-from addon.core.geometry.cameras import NO_CAMERAS
+from addon.core.data.takes import Motion, Suspect
 from addon.io import poses as pose_files
 from addon.io.edits import read_edits
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points
 from addon.io.poses import PoseFile
-from addon.scene import naming, playing, roots
+from addon.scene import playing, roots
 from addon.scene import take as takes
 from addon.scene.clock import plays_at, set_moment
 from addon.scene.opened import Opened
 from addon.scene.timing import follow_rate
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
 
-from .hands import MODULE, press, refused, session
+from .hands import MODULE, add_object, choose, only, press, refused, session, shown
 
 
-def places(context, collection, frames):
+def places(collection, frames):
     """Where markers, by name, and bones are in frames that Blender counts: (F, M, 3) and (F, J, 4, 4)."""
-    empties = sorted(
-        (one for one in collection.all_objects if naming.MARKER in one), key=lambda one: one[naming.MARKER]
-    )
-    armatures = [one for one in collection.all_objects if one.type == "ARMATURE"]
+    empties, armatures = [item for _, item in sorted(shown(collection).items())], only(collection, "ARMATURE")
     markers, bones = [], []
     for frame in frames:
-        set_moment(context.scene, float(frame))
-        graph = context.evaluated_depsgraph_get()
+        set_moment(bpy.context.scene, float(frame))
+        graph = bpy.context.evaluated_depsgraph_get()
         markers.append([one.evaluated_get(graph).matrix_world.translation[:] for one in empties])
         bones.append([np.array(bone.matrix) for one in armatures for bone in one.evaluated_get(graph).pose.bones])
     return np.array(markers), np.array(bones)
@@ -48,7 +44,7 @@ def places(context, collection, frames):
 def saved(context, take, folder, size=3):
     """The take saved as one that plays from a file beside it."""
     motion, folder = take.motion, folder / "out"
-    folder.mkdir()
+    folder.mkdir(parents=True)
     with PoseFile(folder.parent) as poses:
         for start in range(0, len(motion.frames), size):
             part = slice(start, start + size)
@@ -71,12 +67,9 @@ def opened(path):
 def both(empty, made, tmp_path):
     """Where all is with keys, and the saved file of the same take that plays."""
     take = made.take()
-    markers = take.motion.markers.copy()
-    markers[2:4, 1] = np.nan
-    take = replace(take, motion=replace(take.motion, markers=markers))
-    collection = takes.show_take(empty, take)
+    take.motion.markers[2:4, 1] = np.nan
     frames = take.motion.frames
-    keyed = places(empty, collection, frames)
+    keyed = places(takes.show_take(empty, take), frames)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     return SimpleNamespace(path=saved(bpy.context, take, tmp_path), frames=frames, keyed=keyed, take=take)
 
@@ -94,7 +87,7 @@ def without_extension():
 def test_it_moves_as_with_keys_without_the_extension(both, without_extension):
     assert not hasattr(bpy.types.Scene, "mocap_autolabel")
     collection = opened(both.path)
-    markers, bones = places(bpy.context, collection, both.frames)
+    markers, bones = places(collection, both.frames)
     np.testing.assert_allclose(markers, both.keyed[0], atol=1e-6)
     np.testing.assert_allclose(bones, both.keyed[1], atol=2e-6)
     assert np.ptp(markers, axis=0).max() > 0.01  # or nothing was tried
@@ -112,22 +105,18 @@ def test_at_another_rate_it_plays_at_its_own_speed(both):
         clock = playing.clock_of(collection)
         assert clock.step == pytest.approx(fps / both.take.rate)
         assert [scene.frame_start, scene.frame_end] == [clock.whole(both.frames[end]) for end in (0, -1)]
-        markers, bones = places(bpy.context, collection, clock.shown(both.frames))
+        markers, bones = places(collection, clock.shown(both.frames))
         np.testing.assert_allclose(markers, both.keyed[0], atol=1e-4)
         np.testing.assert_allclose(bones, both.keyed[1], atol=1e-4)
-
-
-def test_a_scene_that_has_it_alone_plays_the_next_take_at_its_rate(both):
-    opened(both.path)
-    takes.show_take(bpy.context, replace(both.take, name="next", rate=120.0))
-    assert plays_at(bpy.context.scene, 120.0)
+    takes.show_take(bpy.context, replace(both.take, name="next", rate=50.0))
+    assert plays_at(scene, 50.0), "nobody else's is in it"
 
 
 def test_one_that_begins_later_than_blender_counts_in_its_own_frames_plays_all_the_same(empty, made, tmp_path):
     take, scene = made.take(), empty.scene
     rows = replace(take.rows, frames=take.rows.frames + 300_000)
     take = replace(take, rate=100.0, rows=rows, motion=replace(take.motion, frames=take.motion.frames + 300_000))
-    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    add_object("rig", bpy.data.armatures.new("rig"))
     scene.render.fps = 24
     collection = opened(saved(empty, take, tmp_path))
     clock, modifier = playing.clock_of(collection), playing.modifier_of(collection)
@@ -139,11 +128,11 @@ def test_it_follows_its_root_and_so_does_a_part_of_it(both):
     collection, place = opened(both.path), Matrix.LocRotScale((3, -1, 0.5), Matrix.Rotation(1.0, 3, "Z"), (2, 2, 2))
     root = roots.root_of(collection)
     root.matrix_world = place
-    markers, bones = places(bpy.context, collection, both.frames)
+    markers, bones = places(collection, both.frames)
     expected = np.array(place)
     np.testing.assert_allclose(markers, both.keyed[0] @ expected[:3, :3].T + expected[:3, 3], atol=1e-5)
     np.testing.assert_allclose(bones, both.keyed[1], atol=2e-6)  # in the armature
-    [armature] = [one for one in collection.all_objects if one.type == "ARMATURE"]
+    [armature] = only(collection, "ARMATURE")
     np.testing.assert_allclose(np.array(armature.matrix_world), expected, atol=1e-6)
     part = takes.show_take(bpy.context, both.take)
     roots.put_where(part, collection)
@@ -153,23 +142,23 @@ def test_it_follows_its_root_and_so_does_a_part_of_it(both):
 def test_its_feet_are_on_the_ground_as_with_keys_across_the_parts_of_the_file(empty, made, tmp_path, monkeypatch):
     monkeypatch.setattr(playing, "SETTLED_FRAMES", 1)
     markerset = open_markerset("body26")
-    take, frames = made.take(), np.arange(101, 161)
+    take = made.take(60, markerset=markerset)
+    frames = take.motion.frames
     model, sway = BodyModel(markerset), np.sin(np.arange(len(frames)) / 9)
     bodies = model.rest(len(frames), 1.7)
     bodies.translation[:] = np.column_stack([0.004 * sway, 0.006 * sway, np.full(len(frames), -0.035)])
-    posed, motion = model.pose(bodies), made.motion(markerset, len(frames))
+    posed = model.pose(bodies)
     parts = {"joints": posed.joints, "rotations": posed.rotations, "expected": posed.markers, "scale": bodies.scale}
-    motion = replace(motion, markers=posed.markers, confidence=np.ones(len(frames)), **parts)
-    rows, labels = PointRows(frames, *np.zeros((2, 0), int), np.zeros((0, 3)), None), Labels.none(0)
-    take = replace(take, markerset=markerset, rows=rows, labels=labels, motion=motion, cameras=NO_CAMERAS, suspects=())
+    motion = replace(take.motion, markers=posed.markers, confidence=np.ones(len(frames)), **parts)
+    take = replace(take, motion=motion, suspects=())
     collection = takes.show_take(empty, take)
-    [armature] = [one for one in collection.all_objects if one.type == "ARMATURE"]
+    [armature] = only(collection, "ARMATURE")
     feet = [armature.pose.bones.find(f"foot.{side}") for side in "LR"]
     tails = np.array([armature.data.bones[at].length for at in feet])
     assert all(armature.data.bones[at].tail_local.z < 0.025 for at in feet), "below the floor as they are posed"
-    keyed = places(empty, collection, frames)[1]
+    keyed = places(collection, frames)[1]
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    _, bones = places(bpy.context, opened(saved(bpy.context, take, tmp_path)), frames)
+    _, bones = places(opened(saved(bpy.context, take, tmp_path)), frames)
     np.testing.assert_allclose(bones, keyed, atol=1e-4)
     # A bone goes along its own y axis.
     now = bones[:, feet][..., :3, 3] + tails[:, None] * bones[:, feet][..., :3, 1]
@@ -177,17 +166,13 @@ def test_its_feet_are_on_the_ground_as_with_keys_across_the_parts_of_the_file(em
     assert now[..., 2].min() > -1e-4
 
 
-def test_it_moves_when_saved_elsewhere_and_opened_from_there(both, tmp_path):
+def test_the_file_is_there_when_saved_elsewhere_told_of_when_not_and_found_again(both, tmp_path):
     opened(both.path)
-    other = tmp_path / "other"
-    other.mkdir()
-    bpy.ops.wm.save_as_mainfile(filepath=str(other / "again.blend"))
-    markers, _ = places(bpy.context, opened(other / "again.blend"), both.frames)
+    (tmp_path / "other").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other" / "again.blend"))
+    collection = opened(tmp_path / "other" / "again.blend")
+    markers, _ = places(collection, both.frames)
     np.testing.assert_allclose(markers, both.keyed[0], atol=1e-6)
-
-
-def test_the_file_is_told_of_and_found_again(both, tmp_path):
-    collection = opened(both.path)
     assert playing.what_is_wrong(collection) == ""
     motion = playing.motion_path(collection)
     elsewhere = tmp_path / "elsewhere.pc2"
@@ -195,32 +180,20 @@ def test_the_file_is_told_of_and_found_again(both, tmp_path):
     assert "is not there" in playing.what_is_wrong(collection)
     playing.find_motion(collection, elsewhere)
     assert playing.what_is_wrong(collection) == ""
-    markers, _ = places(bpy.context, collection, both.frames)
+    markers, _ = places(collection, both.frames)
     np.testing.assert_allclose(markers, both.keyed[0], atol=1e-6)
     with elsewhere.open("r+b") as file:
         file.truncate(100)
     assert "is shorter" in playing.what_is_wrong(collection)
 
 
-def test_what_to_look_at_is_bounded_and_kept(both, tmp_path, monkeypatch):
+def test_the_sidebars_operators_step_through_so_many_that_are_kept_and_find(extension, both, tmp_path, monkeypatch):
     monkeypatch.setattr(playing, "MOST_SUSPECTS", 2)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    suspects = (Suspect(3, 9, "long"), Suspect(5, 5, "short"), Suspect(1, 4, "middling"))
-    folder = tmp_path / "more"
-    folder.mkdir()
+    suspects, folder = (Suspect(4, 9, "long"), Suspect(5, 5, "short"), Suspect(2, 3, "middling")), tmp_path / "more"
     collection = opened(saved(bpy.context, replace(both.take, suspects=suspects), folder))
-    assert [(first, last, reason) for first, last, reason in playing.suspects_of(collection)] == [
-        (1, 4, "middling"),
-        (3, 9, "long"),
-    ]
-
-
-def test_the_sidebars_operators_step_and_find(extension, both, tmp_path):
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    folder = tmp_path / "more"
-    folder.mkdir()
-    path = saved(bpy.context, replace(both.take, suspects=(Suspect(2, 3, "one"), Suspect(4, 4, "two"))), folder)
-    collection, scene = opened(path), bpy.context.scene
+    assert [tuple(row) for row in playing.suspects_of(collection)] == [(2, 3, "middling"), (4, 9, "long")]
+    scene = bpy.context.scene
     scene.frame_set(1)
     press("next_suspect")
     assert scene.frame_current == 2
@@ -262,10 +235,9 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     scene = bpy.context.scene
     first, last = FIRST + 10, FIRST + 19
     written = read_points(next((tmp_path / "out").glob("*.c3d")))
-    names = sorted(item[naming.MARKER] for item in collection.all_objects if naming.MARKER in item)
-    known = written.xyz[10, [written.names.index(name) for name in names]]
-    shown = places(bpy.context, collection, [first])[0][0]
-    np.testing.assert_allclose(np.where(np.isnan(known), known, shown), known, atol=1e-5)
+    known = written.xyz[10, [written.names.index(name) for name in sorted(shown(collection))]]
+    seen = places(collection, [first])[0][0]
+    np.testing.assert_allclose(np.where(np.isnan(known), known, seen), known, atol=1e-5)
     scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, first, last
     played = scene.frame_start, scene.frame_end
     press("open_part", first=first, last=last)
@@ -286,8 +258,7 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     press("label")
     assert (Opened().take(settings.take, scene).labels.marker == before).all()
     scene.frame_set(first + 3)
-    for item in settings.take.all_objects:
-        item.select_set(item.get(naming.MARKER) in ("1:LKNE", "1:LANK"))
+    choose("1:LKNE", "1:LANK")
     press("swap_markers", scope="RANGE")
     press("save_corrections")
     assert [edit.frames for edit in read_edits(next(tmp_path.glob("*.edits.json")))] == [(first, last)]

@@ -8,23 +8,21 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.takes import NO_MARKER, Points
-from addon.core.points.models import Model
-from addon.io.blobs import write_blobs
+from addon.core.data.takes import NO_MARKER
 from addon.io.c3d.lab import read_lab
 from addon.io.c3d.reading import C3dFile
-from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset
-from addon.io.models import write_model
-from addon.io.points import read_points, write_c3d, write_trc
+from addon.io.points import read_points, write_trc
 from addon.scene import naming
 from addon.scene.cameras import camera_name
+from addon.scene.ownership import curves_of
 from tests.io.c3d_layouts import DEC, Layout
 from tests.io.kept import otherwise
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 from tests.io.samples import tsv
 
-from .hands import keys_of, only, ours, press, refused, rows_of_export, session, stored_take
+from .conftest import rows_of_export, write_room, write_walk
+from .hands import add_object, keys_of, only, ours, press, refused, session, shown, stored_take
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -41,23 +39,16 @@ Frame,Time (Seconds),X,Y,Z
 @pytest.fixture(scope="module")
 def files(tmp_path_factory, made):
     """A take of a person whose markers have no names, shuffled, with ghosts; as C3D, TRC and among other kinds."""
-    folder = tmp_path_factory.mktemp("points")
-    markerset = made.markerset()
-    motion = made.motion(markerset, 30)
-    rng = np.random.default_rng(3)
-    xyz = np.concatenate([motion.markers, np.tile(rng.uniform(-2, 2, (GHOSTS, 3)), (30, 1, 1))], axis=1)
+    markerset, folder, rng = made.markerset(), tmp_path_factory.mktemp("points"), np.random.default_rng(3)
+    markers = made.motion(markerset, 30).markers
+    xyz = np.concatenate([markers, np.tile(rng.uniform(-2, 2, (GHOSTS, 3)), (30, 1, 1))], axis=1)
     order = rng.permutation(xyz.shape[1])
-    residual = np.where(np.isfinite(xyz[:, order, 0]), 0.0002 + 0.0001 * np.arange(len(order)), np.nan)
-    take = Points(("",) * len(order), xyz[:, order], residual, 59.94, 101)
-    write_c3d(folder / "walk.c3d", take)
-    write_trc(folder / "walk.trc", take)
+    write_room(folder, 6)
+    files = write_walk(folder, xyz[:, order], markerset, 59.94)
+    write_trc(folder / "walk.trc", read_points(files.take))
     (folder / "motive.csv").write_text(MOTIVE)
-    write_model(folder / "small.markerset.json", Model(markerset))
-    cameras = made.cameras()
-    write_cameras(folder / "room.toml", cameras)
-    write_blobs(folder / "walk.csv", made.blobs(markerset, cameras, made.motion(markerset, 5))[0], cameras)
-    truth = np.where(order < len(markerset), order, NO_MARKER)
-    return SimpleNamespace(folder=folder, take=take, truth=truth, markerset=str(folder / "small.markerset.json"))
+    files.truth = np.where(order < len(markerset), order, NO_MARKER)
+    return files
 
 
 @pytest.fixture
@@ -82,23 +73,13 @@ def visible_points() -> int:
     return sum(len(made.pointcloud.points) for made in sets if made.pointcloud is not None)
 
 
-def animated(scene):
-    """Something of a person's that is animated, in a scene of 24 frames a second."""
-    item = bpy.data.objects.new("mine", None)
-    scene.collection.objects.link(item)
-    item.keyframe_insert("location", frame=1)
-
-
-def with_a_strip(scene):
-    scene.sequence_editor_create().strips.new_scene("mine", bpy.data.scenes.new("other"), 1, 1)
-
-
-@pytest.mark.parametrize("made_before", [animated, with_a_strip])
-def test_a_scene_that_a_person_animates_keeps_its_time_until_the_button_is_pressed(
-    extension, empty, files, made_before
-):
+@pytest.mark.parametrize("strip", [False, True])
+def test_a_scene_that_a_person_animates_keeps_its_time_until_the_button_is_pressed(extension, empty, files, strip):
     scene = empty.scene
-    made_before(scene)
+    if strip:
+        scene.sequence_editor_create().strips.new_scene("mine", bpy.data.scenes.new("other"), 1, 1)
+    else:
+        add_object("mine").keyframe_insert("location", frame=1)
     scene.render.fps, scene.frame_start, scene.frame_end = 24, 5, 80
     words = ours("ops.importing").take_points(empty, files.folder / "walk.c3d")
     assert "the scene keeps its 24 frames a second, and the take is mapped to them" in words
@@ -115,7 +96,7 @@ def test_a_take_begins_at_frame_1_by_choice_and_its_files_keep_their_numbers(nam
     press("open_markerset", filepath=files.markerset)
     assert (scene.frame_start, scene.frame_end, source.first_frame, source.last_frame) == (1, 30, 101, 130)
     scene.frame_set(4)
-    assert visible_points() == int(np.isfinite(files.take.xyz[3, :, 0]).sum())
+    assert visible_points() == int(np.isfinite(files.xyz[3, :, 0]).sum())
     labelling = scene.mocap_autolabel.labelling
     labelling.use_range, labelling.range_first, labelling.range_last = True, 111, 120
     press("label")
@@ -125,31 +106,29 @@ def test_a_take_begins_at_frame_1_by_choice_and_its_files_keep_their_numbers(nam
     assert {row[0] for row in rows_of_export(files.folder / "out.labels.csv")} == {str(one) for one in range(111, 121)}
 
 
-def test_frames_past_what_blender_counts_are_refused_and_what_is_open_stays(imported, files, tmp_path):
-    source = imported.scene.mocap_autolabel.source
-    before = source.points_path, source.preview.name, source.rate, source.first_frame
-    for first, words in ((2**31, "goes on to frame 2147483677"), (-(2**31) - 1, "begins at frame -2147483649")):
-        write_trc(tmp_path / "far.trc", replace(files.take, first_frame=first, rate=50))
-        refused(rf"far\.trc: {words}; expected frame numbers", "import_take", filepath=tmp_path / "far.trc")
-    assert (source.points_path, source.preview.name, source.rate, source.first_frame) == before
-
-
-def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of_what_was_there(imported, files):
+def test_points_are_seen_before_they_are_labelled_and_take_the_place_of_what_was_there_but_no_bad_ones(
+    imported, files, tmp_path
+):
     settings = imported.scene.mocap_autolabel
     assert (settings.source.first_frame, settings.source.last_frame, settings.source.trajectories) == (101, 130, 15)
     assert settings.source.rate == pytest.approx(59.94)
     assert (imported.scene.frame_start, imported.scene.frame_end) == (101, 130)
     for frame in (101, 104, 113):
         imported.scene.frame_set(frame)
-        expected = int(np.isfinite(files.take.xyz[frame - 101, :, 0]).sum())
+        expected = int(np.isfinite(files.xyz[frame - 101, :, 0]).sum())
         assert visible_points() == expected
-        overlay, marks = ours("ui.overlay"), ours("ui.marks")
-        stored = overlay.shown(imported.scene)
-        assert len(marks.point_marks(stored, stored.index_of(frame)).unnamed) == expected
+        stored = ours("ui.overlay").shown(imported.scene)
+        assert len(ours("ui.marks").point_marks(stored, stored.index_of(frame)).unnamed) == expected
     before = len(bpy.data.objects), len(bpy.data.meshes)
     press("import_points", filepath=files.folder / "walk.trc")
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
-    assert imported.scene.mocap_autolabel.source.points_path.endswith("walk.trc")
+    source = settings.source
+    assert source.points_path.endswith("walk.trc")
+    before = source.points_path, source.preview.name, source.rate, source.first_frame
+    for first, words in ((2**31, "goes on to frame 2147483677"), (-(2**31) - 1, "begins at frame -2147483649")):
+        write_trc(tmp_path / "far.trc", replace(read_points(files.take), first_frame=first, rate=50))
+        refused(rf"far\.trc: {words}; expected frame numbers", "import_take", filepath=tmp_path / "far.trc")
+    assert (source.points_path, source.preview.name, source.rate, source.first_frame) == before
 
 
 def test_a_drop_tells_blobs_from_points(empty, settings, files):
@@ -164,7 +143,14 @@ def test_a_drop_tells_blobs_from_points(empty, settings, files):
     press("import_take", "INVOKE_DEFAULT", filepath=files.folder / "walk.csv")
     assert (settings.source.points_path, settings.source.blobs_path) == ("", str(files.folder / "walk.csv"))
     assert not any(item.modifiers for item in empty.scene.objects), "the points have gone"
-    refused("holds 3D points", "import_blobs", filepath=files.folder / "motive.csv")
+    refused("holds 3D points", "import_blobs", "INVOKE_DEFAULT", filepath=files.folder / "motive.csv")
+    handler = ours("ops.importing").MOCAP_AUTOLABEL_FH_take
+    assert handler.is_registered and handler.bl_import_operator == "mocap_autolabel.import_take"
+    areas = [SimpleNamespace(area=SimpleNamespace(type=kind)) for kind in ("VIEW_3D", "IMAGE_EDITOR")]
+    assert [bool(handler.poll_drop(area)) for area in areas] == [True, False]
+    suffixes = set(handler.bl_file_extensions.split(";"))
+    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal", ".csv", ".c3d", ".trc", ".tsv", ".qtm"} <= suffixes
+    assert ".blend" not in suffixes, "which Blender opens"
 
 
 @pytest.fixture
@@ -194,9 +180,7 @@ def test_a_capture_brings_its_cameras_and_its_rate(settings, qtm):
     press("import_take", filepath=path, use="points")
     press("import_cameras", filepath=path)
     importing = ours("ops.importing")
-    assert ".qtm" in importing.MOCAP_AUTOLABEL_FH_take.bl_file_extensions.split(";")
-    for glob in (importing.BLOBS, importing.POINTS):
-        assert "*.qtm" in glob.split(";")
+    assert all("*.qtm" in glob.split(";") for glob in (importing.BLOBS, importing.POINTS))
 
 
 def test_anonymous_points_become_named_markers(imported, files, naming_known):
@@ -204,37 +188,29 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     collection = imported.scene.mocap_autolabel.take
     assert naming.CAMERAS not in collection
     assert not [item for item in bpy.data.collections if item.name.startswith("Mocap: cameras")]
-    empties = {item[naming.MARKER]: item for item in only(collection, "EMPTY")}
+    empties, [armature] = shown(), only(collection, "ARMATURE")
     names = list(empties)
-    assert {name for name, _ in session().markers.items()} == set(names)
-    armature = next(item for item in collection.all_objects if item.type == "ARMATURE")
+    assert set(session().markers.keys()) == set(names)
     assert len(armature.pose.bones) == 9
     imported.scene.frame_set(120)
     for point, marker in enumerate(files.truth):
         if marker != NO_MARKER:
             place = empties[names[marker]].matrix_world.translation
-            np.testing.assert_allclose(place, files.take.xyz[19, point], atol=1e-5)
-    assert len(armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves), "the armature moves"
-    gap = session().markers["RASI"]
-    assert (gap.gaps, gap.longest_gap) == (2, 5)
+            np.testing.assert_allclose(place, files.xyz[19, point], atol=1e-5)
+    assert curves_of(armature), "it moves"
+    assert visible_points() == GHOSTS, "the unlabelled take is out of sight, its ghosts are not"
+    press("clear")
+    assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
 
 
 def test_events_of_a_qualisys_export_are_timeline_markers(imported, files, naming_known, tmp_path):
-    xyz, count = np.nan_to_num(1000 * files.take.xyz), files.take.xyz.shape[1]
+    xyz, count = np.nan_to_num(1000 * files.xyz), files.xyz.shape[1]
     head = f"NO_OF_MARKERS\t{count}\nFREQUENCY\t60\nDATA_INCLUDED\t3D\nEVENT\tFoot Off\t9\t0.13\nMARKER_NAMES\t\n"
     rows = ["\t".join(map(str, row)) for row in xyz.reshape(len(xyz), -1)]
     (tmp_path / "walk.tsv").write_text(head + "\n".join(rows) + "\n")
     press("import_points", filepath=tmp_path / "walk.tsv", up="z")
     press("label")
     assert [(one.name, one.frame) for one in imported.scene.timeline_markers] == [("Foot Off", 9)]
-
-
-def test_what_stays_unnamed_is_one_object(imported, naming_known):
-    press("label")
-    imported.scene.frame_set(115)
-    assert visible_points() == GHOSTS, "the unlabelled take is out of sight, its ghosts are not"
-    press("clear")
-    assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
 
 
 def lab_is_seen(context, source):
@@ -250,13 +226,9 @@ def lab_is_seen(context, source):
         outline, arrow = items[f"lab force plate {number}"], items[f"lab force {number}"]
         assert (len(outline.data.edges), len(outline.data.polygons), outline.hide_render) == (4, 0, True)
         np.testing.assert_allclose([one.co for one in outline.data.vertices], plate.corners, atol=1e-6)
-        for frame in (71, 87, 100):
-            scene.frame_set(frame)
-            force, place = plate.force[frame - 71], plate.place[frame - 71]
-            turned = np.array(arrow.matrix_world)
-            push = turned[:3, 2] * 1000 * arrow.empty_display_size
-            np.testing.assert_allclose(push, 0 if np.isnan(place[0]) else force, rtol=1e-4, atol=0.01)
-            assert np.isnan(place[0]) or np.allclose(turned[:3, 3], place, atol=1e-5)
+        scene.frame_set(87)
+        push = np.array(arrow.matrix_world)[:3, 2] * 1000 * arrow.empty_display_size
+        np.testing.assert_allclose(push, 0 if np.isnan(plate.place[16, 0]) else plate.force[16], rtol=1e-4, atol=0.01)
     press("label")
     assert sorted((one.name, one.frame) for one in scene.timeline_markers) == sorted(events), "none is there twice"
     assert set(take.children["lab force plates"].objects.keys()) == set(items)
@@ -264,7 +236,7 @@ def lab_is_seen(context, source):
 
 
 def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_known, tmp_path):
-    xyz = 1000 * np.concatenate([files.take.xyz, files.take.xyz[:, :1]], axis=1)
+    xyz = 1000 * np.concatenate([files.xyz, files.xyz[:, :1]], axis=1)
     of_lab = {"channels": 12, "samples": 3, "first": 71, "rate": 59.94, "lab": True, "up": "+Y", "processor": DEC}
     source, out = tmp_path / "lab.c3d", tmp_path / "named.c3d"
     layout = Layout(frames=30, points=xyz.shape[1], **of_lab)
@@ -342,18 +314,6 @@ def test_trouble_is_one_sentence_and_leaves_nothing(extension, empty, files, tmp
     assert empty.scene.mocap_autolabel.take is None
 
 
-def test_a_take_whose_keys_would_fill_the_memory_is_refused_and_a_part_of_it_is_not(
-    imported, naming_known, files, extension, monkeypatch
-):
-    poses = ours("io.poses")
-    settings = imported.scene.mocap_autolabel
-    monkeypatch.setattr(poses, "MOST_SHOWN", 20 * (3 * len(open_markerset(files.markerset)) + 7 * 9))
-    refused(r"walk\.c3d: has 30 frames, .*expected at most 20: .*Label Folder", "label")
-    assert settings.take is None
-    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 101, 120
-    press("label")
-
-
 @pytest.fixture
 def upside_down(files, tmp_path):
     """The same take, which now says that -X is up and that it has no rate."""
@@ -369,7 +329,7 @@ def test_an_up_axis_and_a_rate_that_are_given_are_taken(empty, settings, files, 
         press(importer, filepath=upside_down, up="z", rate=60.0)
         assert (settings.source.up, settings.source.rate) == ("z", 60.0)
         heights = [vertex.co.z for vertex in settings.source.preview.vertices]
-        there = files.take.xyz[..., 2]
+        there = files.xyz[..., 2]
         assert max(heights) == pytest.approx(np.nanmax(there), abs=1e-4)
     press("open_markerset", filepath=files.markerset)
     press("label")

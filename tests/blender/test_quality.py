@@ -30,22 +30,16 @@ def judged(laid):
     return laid
 
 
-def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
+def test_the_set_that_is_laid_out_is_judged_as_it_was_learned_and_advice_is_shown_and_taken(judged, empty):
     quality, collection = judged
-    report = quality.kept_report(collection)
+    report, known = quality.kept_report(collection), open_model("gait15")
     core = importlib.import_module("addon.core.placement_quality")
-    known = open_model("gait15")
     found = core.judge(core.marker_layout(known.markerset, learned=known.likelihood))
     one, two = found.worst()[0]
     assert set(report["pairs"][0]["markers"]) == {found.markers[one], found.markers[two]}
     assert report["pairs"][0]["separation"] == pytest.approx(float(core.separation(found.hidden[one, two])), abs=0.02)
     assert not quality.changed_since(collection)
-
-
-def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
     refused("no advice 9", "take_advice", number=9)
-    quality, collection = judged
-    report = quality.kept_report(collection)
     shown = quality.targets(collection)
     assert [target.number for target in shown] == list(range(1, len(report["advice"]) + 1))
     first, row = shown[0], report["advice"][0]
@@ -69,15 +63,7 @@ def test_a_locked_marker_stays(laid):
     assert not {name for name in moved if name.endswith(("ANK", "HEE"))}
 
 
-def test_colours_go_from_red_over_orange_to_green(extension):
-    drawn = ours("ui.quality")
-    marks = ours("ui.marks")
-    np.testing.assert_allclose(drawn.clearness(0, 3), marks.RED)
-    np.testing.assert_allclose(drawn.clearness(3, 3), marks.ORANGE)
-    np.testing.assert_allclose(drawn.clearness(60, 3), marks.GREEN)
-
-
-def test_its_legend_is_above_that_of_a_take(judged, empty, monkeypatch):
+def test_its_legend_is_above_that_of_a_take_and_colours_go_from_red_over_orange_to_green(judged, empty, monkeypatch):
     overlay, drawn = ours("ui.overlay"), ours("ui.quality")
     canvas = MagicMock(foot=20.0, scale=1.0, region=7, size=(600, 70))
     overlay.draw_colours(canvas, "12 of 12 points named", [("named", (1, 1, 1, 1))])
@@ -95,3 +81,6 @@ def test_its_legend_is_above_that_of_a_take(judged, empty, monkeypatch):
     drawn.draw()
     heights = [call.args[2] for call in canvas.text.mock_calls]
     assert len(set(heights)) == len(heights) == 2 + 5
+    marks = ours("ui.marks")
+    for separation, colour in ((0, marks.RED), (3, marks.ORANGE), (60, marks.GREEN)):
+        np.testing.assert_allclose(drawn.clearness(separation, 3), colour)

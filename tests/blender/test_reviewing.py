@@ -18,22 +18,19 @@ from addon.props import list_rows
 from addon.scene import naming
 from addon.scene.take import show_take
 
-from .conftest import label_walk, write_walk
-from .hands import choose, only, ours, press, refused, session, shown, stored_take
+from .conftest import label_walk, write_walk_and_ghost
+from .hands import add_object, choose, only, ours, press, refused, session, shown, stored_take
 
 FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
 
 @pytest.fixture
-def state(extension, empty, made, tmp_path, name_as):
+def state(extension, empty, tmp_path, name_as):
     """A take in a scene of which one knee was never named, though its point is there, and a ghost is far away."""
-    markerset = made.markerset()
-    ghost = np.tile([2.5, 2.5, 0.2], (FRAMES, 1, 1))
-    write_walk(tmp_path, np.concatenate([made.motion(markerset, FRAMES).markers, ghost], axis=1), markerset)
-    knee = markerset.markers.index(LOST)
+    files = write_walk_and_ghost(tmp_path, FRAMES, (2.5, 2.5, 0.2))
+    knee, state = files.names.index(LOST), session()
     name_as(np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1)))
     label_walk(tmp_path)
-    state = session()
     state.trouble_done, state.trouble_index = "OPEN", 0
     return SimpleNamespace(review=state, knee=knee, folder=tmp_path)
 
@@ -67,13 +64,9 @@ def test_a_marker_that_was_never_found_is_said_and_shown_and_named_by_one_button
 
 def test_the_gaps_of_one_marker_though_hidden_are_filled_by_its_button(state):
     number, row = rows(state, kind="missing", action="fill")[0]
-    assert (
-        ours("ops.reviewing").words_for(
-            ours("scene.trouble").trouble_of(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)[number]
-        )
-        == f"Fill {row.name}"
-    )
-    name = row.name
+    scene, name = bpy.context.scene, row.name
+    trouble = ours("scene.trouble").trouble_of(scene.mocap_autolabel.take, scene)[number]
+    assert ours("ops.reviewing").words_for(trouble) == f"Fill {name}"
     for empty in shown().values():
         empty.hide_set(True)
     press("mend_trouble", index=number)
@@ -120,11 +113,8 @@ def test_rings_are_only_around_what_the_list_asks_about(state):
 
 
 def test_the_next_is_the_next_that_is_listed_and_open(state):
-    listed = [
-        number for number, row in enumerate(state.review.troubles) if ours("ops.listing").is_listed(state.review, row)
-    ]
-    assert listed == list(range(len(state.review.troubles)))
-    assert len(listed) > 1
+    is_listed = ours("ops.listing").is_listed
+    assert len(state.review.troubles) > 1 and all(is_listed(state.review, row) for row in state.review.troubles)
     state.review.trouble_shown, state.review.trouble_index = "", 0
     press("next_trouble")
     assert state.review.trouble_index == 0, "the worst, which nobody was shown yet, comes first"
@@ -134,26 +124,30 @@ def test_the_next_is_the_next_that_is_listed_and_open(state):
     assert state.review.trouble_index == 0
     state.review.trouble_done = "DONE"
     assert bpy.ops.mocap_autolabel.next_trouble() == {"CANCELLED"}
-
-
-def test_what_takes_the_place_of_an_answered_one_is_next(state):
-    state.review.trouble_shown, state.review.trouble_index = "", 0
+    state.review.trouble_done = "OPEN"
     worst, second = [row.reason for row in state.review.troubles][:2]
-    press("next_trouble")
     press("accept_trouble", index=0)
     assert worst in [row.reason for row in state.review.troubles if row.answered]
     press("next_trouble")
     shown = state.review.troubles[state.review.trouble_index]
-    assert (shown.reason, shown.answered) == (second, False)
+    assert (shown.reason, shown.answered) == (second, False), "what takes the place of the answered one"
 
 
-def test_a_scene_that_was_made_shorter_stays_so_when_a_take_is_labelled_again(state):
-    scene = bpy.context.scene
+def test_a_scene_that_was_made_shorter_stays_so_and_other_markers_are_put_into_no_take_when_labelled_again(state):
+    scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
     assert (scene.frame_start, scene.frame_end) == (101, 160)
     scene.frame_start, scene.frame_end = 105, 150
     press("label")
     assert (scene.frame_start, scene.frame_end) == (105, 150)
     refused("expected one of the", "show_trouble", index=999)
+    before = settings.take
+    before.objects.link(hat := add_object("hat"))
+    before["mocap_names"] = json.dumps(json.loads(before["mocap_names"])[::-1])  # of a set of the same name
+    ours("scene.opened").opened.forget()
+    press("label")
+    assert settings.take != before
+    assert before.hide_viewport and hat.name in before.objects
+    assert not len(state.review.changes)
 
 
 def test_a_take_of_blobs_has_its_cameras_and_can_be_answered(extension, empty, made):
@@ -169,21 +163,9 @@ def test_a_take_of_blobs_has_its_cameras_and_can_be_answered(extension, empty, m
     assert len(state.corrections) == 1
 
 
-def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
+def test_a_range_labelled_again_is_put_into_the_take_and_leaves_the_scene_its_frames(state, name_as):
     scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
-    pipeline = ours("core.points.whole_take.pipeline")
-    before = pipeline.namer_of().name
-
-    def name(points, rate):
-        """As before, and the knee as well; but no wrist."""
-        for labels in before(points, rate):
-            for column, marker in ((state.knee, state.knee), (7, NO_MARKER)):
-                labels.marker[:, column] = marker
-                labels.step[:, column] = labels.step[0, 0] if marker != NO_MARKER else 0
-                labels.confidence[:, column] = labels.rate[:, column] = float(marker != NO_MARKER)
-            yield labels
-
-    monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=6, name=name))
+    name_as(np.where(np.isin(np.arange(GHOST + 1), [7, GHOST]), NO_MARKER, np.arange(GHOST + 1)))  # the knee, no wrist
     scene.frame_set(140)
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
     press("label")
@@ -193,8 +175,8 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     assert stored.motion.frames.tolist() == list(range(101, 161))
     found = np.isfinite(stored.motion.markers[:, state.knee, 0])
     assert stored.motion.frames[found].tolist() == list(range(121, 131))
-    wrist = stored.names[7]
     words = [row.words for row in state.review.changes]
+    wrist = stored.names[7]
     assert words == [f"{LOST} is named now in frames 121–130", f"{wrist} is named no more in frames 121–130"]
     settings.labelling.use_range = False
     press("label")
@@ -202,26 +184,11 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     words = [row.words for row in state.review.changes]
     assert f"{LOST} is named now in frames 101–120" in words
     assert not any("121" in one for one in words)
-
-
-def test_a_set_of_the_same_name_with_other_markers_is_put_into_no_take(state):
-    settings, before = bpy.context.scene.mocap_autolabel, bpy.context.scene.mocap_autolabel.take
-    before["mocap_names"] = json.dumps(json.loads(before["mocap_names"])[::-1])
-    ours("scene.opened").opened.forget()
-    press("label")
-    assert settings.take != before
-    assert before.hide_viewport
-    assert not len(state.review.changes)
-
-
-def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
-    scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
     press("clear")
-    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
-    press("label")
-    assert (scene.frame_start, scene.frame_end) == (101, 160)
-    settings.labelling.range_first, settings.labelling.range_last = 141, 150
-    press("label")
+    for first, last in ((121, 130), (141, 150)):
+        settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, first, last
+        press("label")
+        assert (scene.frame_start, scene.frame_end) == (101, 160), "also where a range is labelled first"
     stored = stored_take()
     assert stored.motion.frames.tolist() == list(range(121, 151))
     named = np.bincount(stored.rows.frame[stored.labels.named], minlength=30) > 0

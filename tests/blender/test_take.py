@@ -2,7 +2,7 @@
 """A take in a scene: bones and empties reproduce the motion, gaps stay, the file keeps all; and its timeline's rows."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import astuple, fields, replace
 from types import SimpleNamespace
 
 import bpy
@@ -10,94 +10,62 @@ import numpy as np
 import pytest
 from mathutils import Matrix, Vector
 
-from addon.core.data.takes import BY_EDIT, NO_MARKER, STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
-from addon.scene import animation, naming
+from addon.core.data.takes import BY_EDIT, NO_MARKER, STEPS, Blobs, LabelledChunk, Motion, Suspect
+from addon.io.points import read_points
+from addon.scene import naming
 from addon.scene import take as takes
 from addon.scene.armature import bone_tails, build_of
 from addon.scene.opened import Opened
+from addon.scene.ownership import curves_of
+from tests.inputs.rigs import add_rig
 
-from .hands import FRAMES, GHOST, choose, follows, only, ours, picked, press, refused, session, shown, stored_take
+from .hands import GHOST, choose, follows, only, ours, picked, press, refused, reopen, session, shown, stored_take
 
 
 def test_bones_and_body_reproduce_the_motion(empty, made):
     take = made.take()
+    segments, capsules = take.markerset.skeleton.segments, take.markerset.capsules
     collection = takes.show_take(empty, take)
-    armature = only(collection, "ARMATURE")[0]
+    [armature] = only(collection, "ARMATURE")
+    moved = {curve.data_path for curve in curves_of(armature) if curve.data_path.endswith("location")}
+    assert moved == {'pose.bones["pelvis"].location'}, "only the root moves against its parent"
     build = build_of(take.markerset, take.motion)
     reach = bone_tails(take.markerset, build) - build.joints
-    for index, frame in enumerate(take.motion.frames):
-        if not np.isfinite(take.motion.joints[index]).all():
-            continue
-        empty.scene.frame_set(int(frame))
-        for segment, name in enumerate(take.markerset.skeleton.segments):
-            bone, turn, joint = (
-                armature.pose.bones[name],
-                take.motion.rotations[index, segment],
-                take.motion.joints[index, segment],
-            )
-            np.testing.assert_allclose(bone.head, joint, atol=1e-5)
-            np.testing.assert_allclose(bone.tail, joint + turn @ reach[segment], atol=1e-5)
+    for index in np.flatnonzero(np.isfinite(take.motion.joints).all(axis=(1, 2))):
+        empty.scene.frame_set(int(take.motion.frames[index]))
+        turns, joints = take.motion.rotations[index], take.motion.joints[index]
+        bones = [armature.pose.bones[name] for name in segments]
+        np.testing.assert_allclose([bone.head for bone in bones], joints, atol=1e-5)
+        np.testing.assert_allclose(
+            [bone.tail for bone in bones], joints + np.einsum("sij,sj->si", turns, reach), atol=1e-5
+        )
         for item in only(collection, "MESH"):
-            segment = take.markerset.skeleton.segments.index(item[naming.CAPSULE])
-            turn, joint = take.motion.rotations[index, segment], take.motion.joints[index, segment]
-            capsule = int(np.flatnonzero(take.markerset.capsules.segment == segment)[0])
-            for end, where in (
-                ("mocap_start", take.markerset.capsules.start),
-                ("mocap_end", take.markerset.capsules.end),
-            ):
+            at = segments.index(item[naming.CAPSULE])
+            [capsule] = np.flatnonzero(capsules.segment == at)
+            for end, where in (("mocap_start", capsules.start), ("mocap_end", capsules.end)):
                 world = np.array(item.matrix_world) @ [*item[end], 1]
-                np.testing.assert_allclose(world[:3], joint + turn @ (where[capsule] * 1.6), atol=1e-5)
+                np.testing.assert_allclose(world[:3], joints[at] + turns[at] @ (where[capsule] * 1.6), atol=1e-5)
 
 
-def test_only_the_root_moves_against_its_parent(empty, made):
-    collection = takes.show_take(empty, made.take())
-    action = only(collection, "ARMATURE")[0].animation_data.action
-    bag = action.layers[0].strips[0].channelbag(only(collection, "ARMATURE")[0].animation_data.action_slot)
-    moved = {curve.data_path for curve in bag.fcurves if curve.data_path.endswith("location")}
-    assert moved == {'pose.bones["pelvis"].location'}
-
-
-def test_markers_are_keyed_where_they_were_seen_and_nowhere_else(empty, made):
-    take = made.take()
+def test_markers_are_keyed_where_they_were_seen_and_nowhere_else_and_the_scene_plays_that(empty, made):
+    take, scene = made.take(), empty.scene
     collection = takes.show_take(empty, take)
+    assert (scene.frame_start, scene.frame_end) == (101, 120)
+    assert scene.render.fps / scene.render.fps_base == pytest.approx(59.94)
+    assert scene.camera[naming.CAMERA] == "cam 0"
     empties = only(collection, "EMPTY")
     assert [item[naming.MARKER] for item in empties] == list(take.markerset.markers)
     actions = {item.animation_data.action for item in empties} | {only(collection, "ARMATURE")[0].animation_data.action}
     assert len(actions) == 1
     assert len({item.animation_data.action_slot.handle for item in empties}) == len(empties)
-    strip = actions.pop().layers[0].strips[0]
     for index, item in enumerate(empties):
-        for axis, curve in enumerate(strip.channelbag(item.animation_data.action_slot).fcurves):
+        for axis, curve in enumerate(curves_of(item)):
             keyed = np.array([key.co for key in curve.keyframe_points])
             seen = np.isfinite(take.motion.markers[:, index]).all(axis=1)
             np.testing.assert_array_equal(keyed[:, 0], take.motion.frames[seen])
             np.testing.assert_allclose(keyed[:, 1], take.motion.markers[seen, index, axis], atol=1e-6)
             assert {key.interpolation for key in curve.keyframe_points} == {"LINEAR"}
     assert len(take.motion.frames[np.isnan(take.motion.markers[:, 2, 0])]) > 2
-
-
-def test_the_scene_plays_the_take(empty, made):
-    takes.show_take(empty, made.take())
-    scene = empty.scene
-    assert (scene.frame_start, scene.frame_end) == (101, 120)
-    assert scene.render.fps / scene.render.fps_base == pytest.approx(59.94)
-    assert scene.camera[naming.CAMERA] == "cam 0"
-
-
-def test_a_take_of_many_keys_has_several_actions(empty, made, tmp_path, monkeypatch):
-    monkeypatch.setattr(animation, "KEYS_AN_ACTION", 600)
-    take = made.take()
-    collection = takes.show_take(empty, take)
-    empties = only(collection, "EMPTY")
-    kinds = [{item.animation_data.action.name for item in only(collection, kind)} for kind in ("ARMATURE", "EMPTY")]
-    assert kinds[0] == {"Mocap: walk"} and len(kinds[1]) > 1
-    assert {action.name for action in bpy.data.actions} == kinds[0] | kinds[1]
-    empty.scene.frame_set(int(take.motion.frames[-1]))
-    for index, item in enumerate(empties):
-        if np.isfinite(take.motion.markers[-1, index]).all():
-            np.testing.assert_allclose(item.location, take.motion.markers[-1, index], atol=1e-5)
-    takes.remove_take(collection, bpy.context.scene)
-    assert not len(bpy.data.actions)
 
 
 def test_a_marker_never_seen_stands_where_it_is_expected_and_nobody_found_is_the_mean_body_at_rest(empty, made):
@@ -115,25 +83,25 @@ def test_a_marker_never_seen_stands_where_it_is_expected_and_nobody_found_is_the
     assert len(only(collection, "EMPTY")) == len(take.markerset)
 
 
-def test_the_file_keeps_the_take(empty, made, tmp_path):
+def test_the_file_keeps_the_take_and_one_that_was_shown_without_the_extension_is_reviewed_with_it(
+    extension, empty, made, tmp_path
+):
     take = made.take(lens=-0.1)
     takes.show_take(empty, take)
-    path = str(tmp_path / "take.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.read_homefile(use_empty=True)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    found = takes.takes_of(bpy.context.scene)
-    assert [collection.name for collection in found] == ["Mocap: walk"]
-    stored = Opened().take(found[0], bpy.context.scene)
-    assert (stored.name, stored.names, stored.suspects) == ("walk", take.markerset.markers, take.suspects)
-    assert stored.cameras.names == take.cameras.names
-    for kind, tolerance in ((Blobs, 1e-4), (Labels, 1e-6), (Motion, 1e-6)):
-        part = {Blobs: "rows", Labels: "labels", Motion: "motion"}[kind]
-        for field in fields(kind):
-            if getattr(getattr(take, part), field.name) is None:
-                continue
-            left, right = getattr(getattr(stored, part), field.name), getattr(getattr(take, part), field.name)
-            np.testing.assert_allclose(left, right, rtol=1e-6, atol=tolerance, err_msg=f"{part}.{field.name}")
+    assert empty.scene.mocap_autolabel.take is None
+    reopen(tmp_path / "take.blend")
+    [found] = takes.takes_of(bpy.context.scene)
+    settings, stored = bpy.context.scene.mocap_autolabel, stored_take()
+    assert (found.name, settings.take) == ("Mocap: walk", found)
+    assert (len(settings.source.cameras.objects), settings.source.rate) == (4, pytest.approx(59.94))
+    assert len(session().markers) == len(take.markerset)
+    assert (stored.name, stored.names, stored.cameras.names) == ("walk", take.markerset.markers, take.cameras.names)
+    assert [astuple(one) for one in stored.suspects] == [astuple(one) for one in take.suspects]
+    for part, tolerance in (("rows", 1e-4), ("labels", 1e-6), ("motion", 1e-6)):
+        for name, kept in vars(getattr(take, part)).items():
+            if kept is not None:
+                own = getattr(getattr(stored, part), name)
+                np.testing.assert_allclose(own, kept, rtol=1e-6, atol=tolerance, err_msg=f"{part}.{name}")
 
 
 def test_two_takes_share_their_cameras_and_keep_their_markers_names(empty, made):
@@ -159,15 +127,11 @@ def test_chunks_join_to_the_take_they_came_from(made):
     cut = int(np.searchsorted(take.rows.frame, 9))
     parts = []
     for rows, first, last in ((slice(0, cut), 0, 9), (slice(cut, None), 9, 20)):
-        blobs = Blobs(
-            take.rows.frames[first:last],
-            take.rows.frame[rows] - first,
-            *(getattr(take.rows, name)[rows] for name in ("camera", "xy", "area")),
-        )
-        labels = take.labels[rows]
+        of_rows = {name: getattr(take.rows, name)[rows] for name in ("camera", "xy", "area")}
+        blobs = Blobs(take.rows.frames[first:last], take.rows.frame[rows] - first, **of_rows)
         motion = Motion(*(getattr(take.motion, f.name)[first:last] for f in fields(Motion)))
         reason = (Suspect(108, 109, "lost"),) if first == 0 else (Suspect(110, 111, "lost"), Suspect(115, 116, "lost"))
-        parts.append((blobs, LabelledChunk(labels, motion, reason)))
+        parts.append((blobs, LabelledChunk(take.labels[rows], motion, reason)))
     whole = takes.Take.of(take.name, take.rate, take.cameras, take.markerset, parts, take.source)
     np.testing.assert_array_equal(whole.labels.marker, take.labels.marker)
     np.testing.assert_array_equal(whole.motion.markers, take.motion.markers)
@@ -258,9 +222,7 @@ def test_long_trajectories_come_first_and_short_ones_share_a_row(rows, extension
     order = np.lexsort((number, frame))
     points = takes.PointRows(np.arange(200), frame[order], number[order], np.zeros((len(frame), 3)), None)
     motion = replace(stored.motion, frames=np.arange(200), markers=np.full((200, 13, 3), np.nan))
-    take = replace(
-        stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=(), clock=stored.clock
-    )
+    take = replace(stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=())
     runs = rows.KeptRows().runs(take, False)
     assert runs.names[13:] == ("trajectory 52", "trajectory 50", f"2 {rows.FOLDED}")
     assert stretches(rows, runs, runs.names[15]) == [(0, 29, "unnamed")]
@@ -279,6 +241,9 @@ def test_a_place_is_the_row_that_is_seen_there(extension, empty):
     assert end.upper(100) == pytest.approx(end.bottom)
     assert places.most_scroll(3) == 0
     assert timeline.RowPlaces(90.0, 1.0, 0.0).bottom == 0, "a low editor has room for rows, not for a legend"
+    refused("Label a take first", "show_timeline")
+    for operator in ("timeline_click", "timeline_scroll", "timeline_pan", "timeline_keys"):
+        assert not getattr(bpy.ops.mocap_autolabel, operator).poll(), "without a take keys are Blender's own"
 
 
 def test_a_click_goes_there_and_picks(labelled):
@@ -308,13 +273,7 @@ def test_a_drag_selects_the_range_that_corrections_take(labelled, files):
     stored = stored_take()
     assert (stored.labels.step != BY_EDIT).all(), "a point without a name has no step"
     assert np.isnan(stored.motion.markers[15:25, files.names.index("LKNE")]).all()
-    assert len(stored.motion.frames) == FRAMES
-
-
-def test_it_is_offered_with_a_take_only(extension, empty):
-    refused("Label a take first", "show_timeline")
-    for operator in ("timeline_click", "timeline_scroll", "timeline_pan", "timeline_keys"):
-        assert not getattr(bpy.ops.mocap_autolabel, operator).poll(), "elsewhere keys are Blender's own"
+    assert len(stored.motion.frames) == 30
 
 
 PLACE = Matrix.LocRotScale((3, -1, 0.5), Matrix.Rotation(1.0, 3, "Z").to_quaternion(), Vector((2, 2, 2)))
@@ -335,7 +294,7 @@ def at_root(places):
     return places @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def test_all_that_is_shown_follows_the_root(moved):
+def test_all_that_is_shown_or_picked_follows_the_root(moved):
     take, stored = bpy.context.scene.mocap_autolabel.take, stored_take()
     index = stored.index_of(bpy.context.scene.frame_current)
     for name, item in shown().items():
@@ -348,69 +307,54 @@ def test_all_that_is_shown_follows_the_root(moved):
     assert not [item for item in take.all_objects if item.parent is None and item != moved]
     # Blender draws a dashed line from what is seen to a parent that is.
     assert not between.visible_get() and all(item.parent == between for item in shown().values())
-
-
-def test_dots_are_drawn_and_picked_where_they_are_shown(moved):
-    picking, context, stored = ours("ops.picking"), bpy.context, stored_take()
     view = SimpleNamespace(view_perspective="PERSP", perspective_matrix=np.eye(4))
     regions = [SimpleNamespace(type="WINDOW", width=100, height=100)]
     area = SimpleNamespace(spaces=SimpleNamespace(active=SimpleNamespace(region_3d=view)), regions=regions)
-    dots, places = picking.dots_in_view(context, stored, area)
+    dots, places = ours("ops.picking").dots_in_view(bpy.context, stored, area)
     np.testing.assert_allclose(places, (at_root(dots.xyz)[:, :2] + 1) / 2 * 100, atol=1e-3)
 
 
-def test_what_is_kept_and_exported_is_the_room_s(moved, files, tmp_path):
-    follows(files, "LASI", 1)
-    press("export_c3d", filepath=tmp_path / "out.c3d")
-    points = ours("io.points").read_points(tmp_path / "out.c3d")
-    np.testing.assert_allclose(points.xyz[:, 1], files.xyz[:, 1], atol=1e-5)
-
-
-def test_the_character_and_the_scene_s_own_things_hang_on_it(moved):
-    hung = bpy.data.objects.new("hat", None)
-    bpy.context.scene.collection.objects.link(hung)
-    hung.parent = moved
+@pytest.mark.parametrize("hung", [False, True])
+def test_a_root_goes_with_its_take_where_nothing_of_a_person_s_hangs_on_it(moved, hung):
+    name, hat = moved.name, add_rig([], {})
+    hat.parent = moved if hung else None
     press("clear")
-    assert moved.name in bpy.data.objects and hung.parent == moved
+    assert [item.name for item in bpy.data.objects if item.name.endswith(("root", "room"))] == [name] * hung
+    assert (hat.parent is not None) is hung
+    assert any("Kept" in item.name for item in bpy.data.collections) is hung
 
 
-def test_labelled_again_a_take_stays_where_its_root_is(moved, files):
-    take = bpy.context.scene.mocap_autolabel.take
+def test_labelled_again_a_take_stays_where_its_root_is_and_one_that_was_deleted_is_made_again(moved, files):
+    take, root_of = bpy.context.scene.mocap_autolabel.take, ours("scene.roots").root_of
     press("label")
-    assert ours("scene.roots").root_of(take) == moved and moved.matrix_world == PLACE
+    assert root_of(take) == moved and moved.matrix_world == PLACE
     assert only(take, "ARMATURE")[0].parent.parent == moved
-    assert "kept" not in take.name
-
-
-def test_a_root_that_was_deleted_is_made_again(moved, files):
     bpy.data.objects.remove(moved)
-    take = bpy.context.scene.mocap_autolabel.take
     press("label")
     follows(files, "LASI", 1)
     assert len(only(take, "ARMATURE")) == 1 and len(shown()) == len(stored_take().names)
-    assert only(take, "ARMATURE")[0].parent.parent == ours("scene.roots").root_of(take)
+    assert only(take, "ARMATURE")[0].parent.parent == root_of(take)
+    assert "kept" not in take.name
 
 
-def test_a_moved_root_goes_with_its_take(moved):
-    press("clear")
-    assert not [item for item in bpy.data.objects if item.name.endswith(("root", "room"))]
-    assert not [item for item in bpy.data.collections if "Kept" in item.name]
-
-
-def test_exports_stand_where_the_root_has_the_take_by_choice(moved, tmp_path, capfd):
-    for name in ("c3d", "trc"):
-        path = tmp_path / f"out.{name}"
-        press(f"export_{name}", filepath=path, room=False)
-        points, markers = ours("io.points").read_points(path, up="+z"), stored_take().motion.markers
-        seen = np.isfinite(points.xyz[:, : markers.shape[1]]).all(axis=2)
+def test_keys_are_the_room_s_and_exports_stand_there_or_where_the_root_has_the_take(moved, files, tmp_path, capfd):
+    follows(files, "LASI", 1)
+    stored = stored_take()
+    markers, of = stored.motion.markers, slice(len(stored.names))
+    for name, room in (("c3d", True), ("trc", True), ("c3d", False), ("trc", False)):
+        path = tmp_path / f"{room}.{name}"
+        press(f"export_{name}", filepath=path, room=room)
+        points = read_points(path, up="+z")
+        seen = np.isfinite(points.xyz[:, of]).all(axis=2)
         assert seen.sum() > 300
-        np.testing.assert_allclose(points.xyz[:, : markers.shape[1]][seen], at_root(markers[seen]), atol=1e-4)
-        assert "so they were saved alone" in capfd.readouterr().out
+        where = markers[seen] if room else at_root(markers[seen])
+        np.testing.assert_allclose(points.xyz[:, of][seen], where, atol=1e-4)
+        assert ("so they were saved alone" in capfd.readouterr().out) is not room
         if name == "c3d":
-            was = np.array(stored_take().motion.residual)
-            np.testing.assert_allclose(points.residual[:, : markers.shape[1]][seen], 2 * was[seen], atol=1e-4)
+            size = 1 if room else 2
+            np.testing.assert_allclose(points.residual[:, of][seen], size * stored.motion.residual[seen], atol=1e-4)
     export = SimpleNamespace(place=lambda _: np.array(PLACE), _more_is_left=False)
-    ours("ops.exporting").ExportsPoints.given(export, bpy.context, replace(stored_take(), source="/walk.TSV"))
+    ours("ops.exporting").ExportsPoints.given(export, bpy.context, replace(stored, source="/walk.TSV"))
     assert export._more_is_left, "its head"
 
 
@@ -419,14 +363,12 @@ def mirror(root):
 
 
 def drive_by_a_cart(root):
-    root.parent = bpy.data.objects.new("cart", None)
-    bpy.context.scene.collection.objects.link(root.parent)
+    root.parent = add_rig([], {})
     root.parent.keyframe_insert("location", frame=101)
 
 
 def hold_by_bones(root):
-    rig = bpy.data.objects.new("rig", bpy.data.armatures.new("rig"))
-    bpy.context.scene.collection.objects.link(rig)
+    rig = add_rig([], {})
     rig.keyframe_insert("location", frame=101)
     root.constraints.new("ARMATURE").targets.new().target = rig
 

@@ -17,16 +17,17 @@ from addon.core.data.takes import NO_MARKER
 from addon.core.geometry.force_plates import ForcePlate, LabRecords
 from addon.io.edits import read_edits
 from addon.io.points import read_points
-from addon.scene import lab, naming, storage
+from addon.scene import lab, storage
 from addon.scene.clock import TakeClock, plays_at, set_moment
 from addon.scene.opened import Opened
+from addon.scene.ownership import curves_of
 from addon.scene.stored import Stored
 from addon.scene.take import show_take, takes_of
 from addon.scene.timing import follow_rate
 from scripts.keep_version import EARLIER
 
-from .conftest import label_walk, open_room, write_room, write_walk
-from .hands import FRAMES, GHOST, choose, keys_of, ours, press, reopen, session, shown, stored_take
+from .conftest import label_walk, open_room, write_room, write_walk_and_ghost
+from .hands import FRAMES, GHOST, add_object, choose, keys_of, ours, press, reopen, session, shown, stored_take
 from .test_points import visible_points
 
 FPS = 24
@@ -47,24 +48,15 @@ def test_every_frame_is_found_again_in_the_moment_in_which_it_is_shown(rate):
         assert {clock.whole(frame) for frame in range(first, last + 1)} <= {whole}
 
 
-def in_a_scene_of_a_person(folder, made, rate, name_as, extension):
+@pytest.fixture(params=RATES)
+def mapped(request, tmp_path, name_as, extension, empty) -> SimpleNamespace:
     """The take of points labelled in a scene that plays FPS frames a second, in which a rig waits."""
-    ghost = np.tile([1.5, 1.5, 0.2], (FRAMES, 1, 1))
-    markerset = made.markerset()
-    xyz = np.concatenate([made.motion(markerset, FRAMES).markers, ghost], axis=1)
-    files = write_walk(folder, xyz, markerset, rate)
-    scene = bpy.context.scene
-    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    files, scene = write_walk_and_ghost(tmp_path, rate=request.param), empty.scene
+    add_object("rig", bpy.data.armatures.new("rig"))
     scene.render.fps, scene.frame_start, scene.frame_end = FPS, 5, 80
     name_as(np.where(np.arange(GHOST + 1) == GHOST, NO_MARKER, np.arange(GHOST + 1)))
-    label_walk(folder)
-    return files
-
-
-@pytest.fixture(params=RATES)
-def mapped(request, tmp_path, made, name_as, extension, empty) -> SimpleNamespace:
-    files = in_a_scene_of_a_person(tmp_path, made, request.param, name_as, extension)
-    return SimpleNamespace(rate=request.param, scene=empty.scene, **vars(files))
+    label_walk(tmp_path)
+    return SimpleNamespace(rate=request.param, scene=scene, **vars(files))
 
 
 def is_where_it_was(mapped):
@@ -155,16 +147,15 @@ def test_a_take_that_blender_cannot_map_is_left_as_it_is_and_named(empty, made):
     scene.render.fps, scene.render.fps_base = 2, 1
     assert shown.name in follow_rate(scene)
     assert (read(shown).clock.step, keyed(shown)) == (1, before)
-    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    add_object("rig", bpy.data.armatures.new("rig"))
     other = show_take(empty, replace(take, name="other"))
     assert (read(other).clock.step, keyed(other)) == (1, before)
 
 
 def keyed(collection) -> list[float]:
     """When a marker of a take has keys."""
-    data = next(item for item in collection.all_objects if naming.MARKER in item).animation_data
-    [first, *_] = data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves
-    return [key.co[0] for key in first.keyframe_points]
+    item = next(iter(shown(collection).values()))
+    return [key.co[0] for key in curves_of(item)[0].keyframe_points]
 
 
 def test_keys_are_moved_once_wherever_takes_lie(empty, made):
@@ -270,7 +261,7 @@ def test_two_takes_of_two_rates_play_each_at_its_own_speed(empty, made):
     for seconds in (0, 5 / 50, 10 / 50):
         set_moment(scene, 101 + seconds * 120)
         for one, rate in ((slow, 50), (fast, 120)):
-            stored, marker = read(one), shown_in(one)["C7"]
+            stored, marker = read(one), shown(one)["C7"]
             index = stored.index_of(scene.frame_float)
             assert index == (-1 if seconds * rate > 19 else round(seconds * rate))
             if index >= 0:
@@ -278,27 +269,8 @@ def test_two_takes_of_two_rates_play_each_at_its_own_speed(empty, made):
                 np.testing.assert_allclose(place, stored.motion.markers[index, stored.words["C7"]], atol=1e-4)
 
 
-def shown_in(collection) -> dict[str, bpy.types.Object]:
-    """The empties of a take."""
-    return {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
-
-
-def test_events_are_where_they_were_whatever_the_scene_played_between(empty, made):
-    scene, take = empty.scene, replace(made.take(), rate=100.0)
-    take = replace(take, lab=LabRecords(events=(("Foot Strike", 107.0), ("Foot Off", 111.0)), plates=(), first=101))
-    show_take(empty, take)
-    scene.timeline_markers["Foot Off"].frame += 1
-    for fps in (24, 25, 100):
-        scene.render.fps, scene.render.fps_base = fps, 1
-        follow_rate(scene)
-        shown = {one.name: one.frame for one in scene.timeline_markers}
-        assert shown == {"Foot Strike": 101 + round(6 * fps / 100), "Foot Off": 112}, "one is a person's by now"
-    lab.forget_events(takes_of(scene)[0])
-    assert [one.name for one in scene.timeline_markers] == ["Foot Off"]
-
-
 @pytest.mark.parametrize("waits", [False, True])
-def test_forces_push_as_they_did_whatever_the_scene_played_between(empty, made, waits):
+def test_events_are_and_forces_push_as_they_did_whatever_the_scene_played_between(empty, made, waits):
     scene, take = empty.scene, replace(made.take(), rate=100.0)
     frames = take.motion.frames
     force = np.stack([40 * np.sin(frames), 30 * np.cos(frames), 700 + 10.0 * (frames - 101)], axis=1)
@@ -306,17 +278,20 @@ def test_forces_push_as_they_did_whatever_the_scene_played_between(empty, made, 
     place[8:12] = np.nan  # nobody stands there
     plate = ForcePlate(np.array([[0.5, 0, 0], [0.5, 0.4, 0], [0, 0.4, 0], [0, 0, 0]]), force, place)
     if waits:  # somebody's, whose scene keeps its time: the take is mapped to that
-        scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
-    show_take(empty, replace(take, lab=LabRecords(plates=(plate,), first=101)))
+        add_object("rig", bpy.data.armatures.new("rig"))
+    events = ("Foot Strike", 107.0), ("Foot Off", 111.0)
+    show_take(empty, replace(take, lab=LabRecords(events=events, plates=(plate,), first=101)))
     [collection] = takes_of(scene)
-    [arrow] = [
-        one for one in collection.all_objects if one.empty_display_type == "SINGLE_ARROW" and one.type == "EMPTY"
-    ]
+    [arrow] = [one for one in collection.all_objects if (one.empty_display_type, one.type) == ("SINGLE_ARROW", "EMPTY")]
+    scene.timeline_markers["Foot Off"].frame += 1
+    off = scene.timeline_markers["Foot Off"].frame
     for fps in (None, 25, 59.94, 100):
         if fps is not None:
             scene.render.fps, scene.render.fps_base = round(fps), round(fps) / fps
             follow_rate(scene)
-        stored = read(collection)
+        stored, step = read(collection), scene.render.fps / scene.render.fps_base / 100
+        found = {one.name: one.frame for one in scene.timeline_markers}
+        assert found == {"Foot Strike": 101 + round(6 * step), "Foot Off": off}, "one is a person's by now"
         for index, frame in enumerate(frames):
             set_moment(scene, stored.clock.shown(int(frame)))
             turned = np.array(arrow.matrix_world)
@@ -324,6 +299,8 @@ def test_forces_push_as_they_did_whatever_the_scene_played_between(empty, made, 
             nobody = np.isnan(place[index, 0])
             np.testing.assert_allclose(push, 0 if nobody else force[index], rtol=1e-3, atol=0.5)
             np.testing.assert_allclose(turned[:3, 3], plate.corners.mean(axis=0) if nobody else place[index], atol=1e-4)
+    lab.forget_events(collection)
+    assert [one.name for one in scene.timeline_markers] == ["Foot Off"]
 
 
 @pytest.mark.parametrize("version", sorted(path.name for path in EARLIER.iterdir() if (path / "takes.blend").is_file()))
@@ -342,7 +319,7 @@ def test_what_earlier_versions_saved_is_frame_by_frame_and_can_follow(empty, ver
         assert stored.clock.shown(stored.motion.frames[0]) == before.clock.shown(before.motion.frames[0])
         for frame in stored.motion.frames[::4].tolist():
             stored.clock.go_to(scene, frame)
-            here = [visible_points(), *[item.matrix_world.translation[:] for item in shown_in(take).values()]]
+            here = [visible_points(), *[item.matrix_world.translation[:] for item in shown(take).values()]]
             assert stored.source_frame(scene.frame_float) == frame
             points, *places = seen.setdefault(frame, here)
             assert here[0] == points
@@ -351,7 +328,7 @@ def test_what_earlier_versions_saved_is_frame_by_frame_and_can_follow(empty, ver
 
 def test_blobs_are_mapped_by_the_rate_that_a_person_says(extension, empty, tmp_path):
     files, scene = write_room(tmp_path, 10), empty.scene
-    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    add_object("rig", bpy.data.armatures.new("rig"))
     scene.render.fps = FPS
     open_room(files)  # whose rate is said afterwards
     source, shown_now = scene.mocap_autolabel.source, ours("ui.overlay").shown
@@ -366,7 +343,7 @@ def test_blobs_are_mapped_by_the_rate_that_a_person_says(extension, empty, tmp_p
 
 
 def test_what_waits_to_be_labelled_takes_the_range_along_and_keeps_the_rate_it_followed(extension, empty, tmp_path):
-    scene = empty.scene
+    scene, said = empty.scene, []
     open_room(write_room(tmp_path, 10))
     scene.render.fps, scene.render.fps_base = FPS, 1
     press("follow_rate")
@@ -374,15 +351,9 @@ def test_what_waits_to_be_labelled_takes_the_range_along_and_keeps_the_rate_it_f
     assert [scene.frame_start, scene.frame_end] == [stored.clock.whole(end) for end in stored.motion.frames[[0, -1]]]
     scene.mocap_autolabel.source.rate = 120.0
     assert (scene.render.fps, ours("ui.overlay").shown(scene).clock.step) == (FPS, pytest.approx(FPS / 120))
-
-
-def test_a_file_older_than_mapping_is_not_said_to_be_mapped(extension, empty, tmp_path):
-    scene, said = empty.scene, []
-    open_room(write_room(tmp_path, 10))
     preview = scene.mocap_autolabel.source.preview
     row = SimpleNamespace(label=lambda text, icon: said.append(text), operator=lambda name, **_: said.append(name))
-    scene.render.fps = FPS
     for key in ("mocap_step", "mocap_rate"):
         del preview[key]
     ours("ui.panels")._draw_rates(SimpleNamespace(row=lambda align: row), scene, preview, 60.0)
-    assert said == [f"The scene plays {FPS} Hz", "mocap_autolabel.play_as_take"]
+    assert said == [f"The scene plays {FPS} Hz", "mocap_autolabel.play_as_take"], "a file older than mapping has none"

@@ -2,9 +2,11 @@
 """A small room with a virtual person in it, and the command line run in this process."""
 
 import csv
+import errno
 import json
+import os
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,10 @@ import pytest
 from addon.capturing import truth_path
 from addon.cli import main
 from addon.core.data.takes import Points
+from addon.core.points.models import Model
 from addon.demo.take import MODEL, STAGE_RATE
+from addon.io.markersets import open_markerset
+from addon.io.models import write_model
 from addon.io.points import write_c3d
 from scripts.virtual_take import write_virtual_take
 
@@ -29,6 +34,11 @@ class Room:
     blobs: Path
     truth: Path
     c3d: Path
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The take as points, as blobs, and the cameras."""
+        return self.c3d, self.blobs, self.cameras
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,16 @@ class Answer:
         """Itself, of one that did its job."""
         assert self.status == 0, self.err
         return self
+
+    def quiet(self) -> "Answer":
+        """The same of one that had no word of trouble."""
+        assert (self.status, self.err) == (0, "")
+        return self
+
+    @property
+    def json(self) -> dict:
+        """The one object that it printed."""
+        return json.loads(self.out)
 
     def refusal(self, status: int) -> str:
         """The same of one that ended with a status."""
@@ -79,6 +99,11 @@ def lengthened(source: Path, target: Path, times: int) -> Path:
     each = (f"{int(frame) + number * length},{rest}" for number in range(times) for frame, _, rest in parts)
     target.write_text("\n".join([head, *each, ""]))
     return target
+
+
+def no_room(number: int = errno.ENOSPC):
+    """What a full disk, or memory, says."""
+    raise OSError(number, os.strerror(number))
 
 
 @pytest.fixture(scope="session")
@@ -132,7 +157,7 @@ def figures(run):
     """Compares labels with the truth, and gives the figures."""
 
     def call(labels, truth, *words) -> dict:
-        return json.loads(run("evaluate", labels, truth, "--json", *words).done().out)
+        return run("evaluate", labels, truth, "--json", *words).done().json
 
     return call
 
@@ -143,3 +168,11 @@ def trained(room, tmp_path_factory) -> Path:
     model = tmp_path_factory.mktemp("trained") / "me.markerset.json"
     assert main(["train", str(room.c3d), "--out", str(model), "--search", "none"]) == 0
     return model
+
+
+@pytest.fixture(scope="session")
+def bare(tmp_path_factory) -> Path:
+    """gait15 as a file that has learned nothing of points."""
+    path = tmp_path_factory.mktemp("bare") / "bare.markerset.json"
+    write_model(path, Model(replace(open_markerset("gait15"), name="bare")))
+    return path

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -18,10 +17,9 @@ from addon import jobs
 from addon.cli import serving, workers
 from addon.demo.take import MODEL
 from addon.io import scratch, tables
-from tests.faults.__main__ import Judge
-from tests.faults.stage import ROOT, Said, at_work, files_of, wait_for
+from tests.faults.stage import ROOT, at_work, wait_for
 
-from .conftest import lengthened
+from .conftest import lengthened, no_room
 
 FEW = ("--frames", "100:103", "--trc")
 LONG = 30  # times the walk, which takes longer than whoever stops it needs
@@ -71,11 +69,8 @@ def poisoned(monkeypatch):
 def test_whatever_one_take_fails_of_the_others_are_labelled_and_printed(label, takes, poisoned, trouble, reason):
     poisoned(trouble)
     answer = label(*FEW, "--json", blobs=takes)
-    assert answer.status == 1
-    assert reason in answer.err.splitlines()[-1]
-    said = json.loads(answer.out)
-    assert [take["take"] for take in said["takes"]] == ["one", "three"]
-    assert [take["take"] for take in said["failed"]] == ["two"]
+    assert reason in answer.refusal(1)
+    assert [[take["take"] for take in answer.json[kind]] for kind in ("takes", "failed")] == [["one", "three"], ["two"]]
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
@@ -89,32 +84,16 @@ def test_files_that_are_no_takes_do_not_stop_the_others_and_processes_are_shared
     (tmp_path / "takes" / "none.c3d").write_bytes(b"")
     line = ["label", tmp_path / "takes" / "*.c*", tmp_path / "gone.csv", room.c3d, "--cameras", room.cameras]
     answer = run(*line, "--model", MODEL, "--out", tmp_path / "out", *FEW, "--jobs", jobs, "--json")
-    for reason in (
-        "gone.csv: there is no such file",
-        "two.csv:2: camera 'nowhere'",
-        "text.csv:1: holds neither blobs nor",
-    ):
+    for reason in ("gone.csv: there is no such", "two.csv:2: camera 'nowhere'", "text.csv:1: holds neither blobs nor"):
         assert reason in answer.err
-    said = json.loads(answer.out)
-    assert answer.refusal(2) and {take["take"] for take in said["takes"]} == {"one", "three", "take"}
-    assert {(take["take"], take["status"]) for take in said["failed"]} == {
-        (name, 2) for name in ("two", "text", "none", "gone")
-    }
+    assert answer.refusal(2) and {take["take"] for take in answer.json["takes"]} == {"one", "three", "take"}
+    failed = {(take["take"], take["status"]) for take in answer.json["failed"]}
+    assert failed == {(name, 2) for name in ("two", "text", "none", "gone")}
     assert len(list((tmp_path / "out").iterdir())) == 3 * 4
     assert len(lines) == (0 if jobs == "1" else 2)
     run("label", takes[0], "--cameras", room.cameras, "--model", MODEL, "--out", tmp_path / "alone", *FEW).done()
     alone = (tmp_path / "alone" / "one.labels.csv").read_bytes()
     assert all((tmp_path / "out" / f"{name}.labels.csv").read_bytes() == alone for name in ("one", "three"))
-
-
-@pytest.mark.parametrize("broken", ["walk.labels.csv", "summary.report.html"])
-def test_a_file_that_is_no_take_is_not_replaced(run, room, tmp_path, broken):
-    out, take = tmp_path / "out", Path(shutil.copy(room.c3d, tmp_path / "walk.c3d"))
-    out.mkdir()
-    (out / broken).write_text("hello")
-    answer = run("label", take, out / broken, "--model", MODEL, "--out", out, "--overwrite", "--summary")
-    assert f"{broken}: is read and would be written over" in answer.refusal(2)
-    assert [path.read_text() for path in out.iterdir()] == ["hello"]
 
 
 def test_a_take_that_is_given_twice_is_labelled_once(label, takes):
@@ -144,8 +123,7 @@ def test_takes_that_another_batch_does_meanwhile_are_done(label, takes, monkeypa
 def test_who_stops_a_batch_stops_it(label, takes, poisoned):
     poisoned(KeyboardInterrupt())
     answer = label(*FEW, blobs=takes)
-    assert (answer.status, answer.out) == (1, "")
-    assert "stopped before the end" in answer.err
+    assert (answer.status, answer.out) == (1, "") and "stopped before the end" in answer.err
 
 
 def test_what_was_sent_by_one_who_is_gone_is_not_begun(room, takes, tmp_path):
@@ -168,7 +146,7 @@ def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
     monkeypatch.setattr(workers.Worker, "hand", killed)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes)
     assert "two.csv: its process was killed (SIGKILL)" in answer.refusal(1)
-    assert [take["take"] for take in json.loads(answer.out)["takes"]] == ["one", "three"]
+    assert [take["take"] for take in answer.json["takes"]] == ["one", "three"]
 
 
 @pytest.mark.parametrize(("started", "labelled"), [(1, ["one", "two"]), (0, [])])
@@ -177,25 +155,19 @@ def test_processes_that_cannot_be_started_leave_the_takes_to_the_others(label, t
 
     def start(line, **more):
         lines.append(line)
-        if len(lines) > started:
-            raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
-        return popen(line, **more)
+        return popen(line, **more) if len(lines) <= started else no_room(errno.ENOMEM)
 
     monkeypatch.setattr(subprocess, "Popen", start)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes[:2])
-    assert [take["take"] for take in json.loads(answer.out)["takes"]] == labelled
+    assert [take["take"] for take in answer.json["takes"]] == labelled
     assert answer.status == (0 if labelled else 1)
     assert labelled or ".csv: no process can be started for it" in answer.reason
 
 
 def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeypatch, tmp_path):
-    def full(_rows):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     def begun(self):
-        begin(self)
-        self.file.close()
-        self.file = SimpleNamespace(write=full, close=lambda: None)
+        begin(self).file.close()
+        self.file = SimpleNamespace(write=lambda _: no_room(), close=lambda: None)
         return self
 
     begin = tables.RowFile.__enter__
@@ -203,8 +175,7 @@ def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeyp
     reason = label(*FEW).refusal(1)
     assert reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
     assert "cannot hold temporary files (No space left on device); expected room there, or another TMPDIR" in reason
-    assert not list(temporary.iterdir())
-    assert not list((tmp_path / "out").iterdir())
+    assert not list(temporary.iterdir()) and not list((tmp_path / "out").iterdir())
 
 
 def test_what_a_killed_run_left_among_temporary_files_goes_with_a_run_that_makes_none(run, room, temporary, tmp_path):
@@ -226,13 +197,12 @@ def test_resume_passes_over_what_is_done_and_does_the_rest(label, takes, tmp_pat
     before = {path.name: path.read_bytes() for path in out.iterdir() if not path.name.endswith(".json")}
     done = stamps(out)
     (out / "two.c3d").unlink()
-    said = label(*FEW, "--resume", blobs=takes)
-    assert (said.status, said.err) == (0, "")
+    said = label(*FEW, "--resume", blobs=takes).quiet()
     assert [line.endswith(", done before") for line in said.out.splitlines()] == [True, False, False]
     assert {name: (out / name).read_bytes() for name in before} == before
     now = stamps(out)
     assert all(now[name] == stamp for name, stamp in done.items() if name.startswith("one")), "only that take"
-    again = json.loads(label(*FEW, "--resume", "--json", "--jobs", "2", blobs=takes).out)
+    again = label(*FEW, "--resume", "--json", "--jobs", "2", blobs=takes).json
     assert again["passed_over"] == ["one", "three", "two"]
     assert [report["take"] for report in again["takes"]] == ["one", "two", "three"]
 
@@ -262,19 +232,15 @@ def test_resume_replaces_nothing_that_it_did_not_make_as_it_is(label, run, takes
     assert label(*FEW, "--resume", "--overwrite", blobs=takes[:1]).out.endswith("done before\n")
 
 
-def door(*words):
-    """A command line in a process of its own, as its number and its arguments tell it from others."""
-    line = [sys.executable, "-c", workers.SCRIPT, str(workers.ROOT), json.dumps(sys.path), *map(str, words)]
-    return subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc to find processes by")
 @pytest.mark.parametrize("kind", ["SIGKILL", "SIGINT", "SIGTERM"])
 def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, temporary, tmp_path, kind):
     for take in takes:
         lengthened(room.blobs, take, LONG)
     out = tmp_path / "out"
-    batch = door(*["label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", f"--out={out}", "--jobs", "2"])
+    words = "label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", f"--out={out}", "--jobs=2"
+    line = [*workers.door(), *map(str, words)]
+    batch = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     wait_for(lambda: len(at_work(temporary)) == 3 and len(list(temporary.glob("mocap*"))) == 3)
     batch.send_signal(getattr(signal, kind))
     batch.wait()
@@ -297,22 +263,3 @@ def test_whatever_happens_to_a_batch_the_next_run_does_the_rest():
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert [line.partition(":")[0] for line in done.stdout.splitlines() if " tries, " in line] == KINDS
-
-
-def test_a_fault_is_seen(tmp_path):
-    def found(look):
-        judge = Judge(["a"], dict.fromkeys(files_of(["a"]), b"whole"))
-        look(judge)
-        return [kind for kind, _ in judge.trouble]
-
-    out, temporary = tmp_path / "out", tmp_path / "temporary"
-    out.mkdir(), temporary.mkdir()
-    (out / "a.c3d").write_bytes(b"who")
-    (temporary / "left").touch()
-    assert found(lambda judge: judge.whole(out)) == ["half files"]
-    assert found(lambda judge: judge.claims(Said(0, ("a",), ()), out)) == ["claims"]
-    assert found(lambda judge: judge.kept(out, {"a": {}})) == ["lost takes"]
-    assert found(lambda judge: judge.left(out, temporary)) == ["left-overs"]
-    assert found(lambda judge: judge.words(Said(1, (), ("Traceback",)))) == ["sentences that are none"]
-    said = Said(1, (), ("mocap-autolabel: a.c3d: is empty; expected points",))
-    assert found(lambda judge: judge.words(said)) == []

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`blobs`: movies and image sequences that are drawn here, read by Blender, and what cannot be done with them."""
 
-import json
-
 import pytest
 
 from addon.io.blobs import read_blobs
@@ -38,10 +36,9 @@ def assert_places(path, cameras, frames, shift=0.0, offset=0):
 
 def test_pictures_of_two_cameras_become_blobs(find, studio, tmp_path):
     folder, cameras = studio
-    answer = find(folder / "left", f"right={folder / 'right' / '0009.png'}", "--json")
-    assert (answer.status, answer.err) == (0, "")
+    answer = find(folder / "left", f"right={folder / 'right' / '0009.png'}", "--json").quiet()
     assert_places(tmp_path / "blobs.csv", cameras, FRAMES)
-    said = json.loads(answer.out)
+    said = answer.json
     assert said["blobs"] == 3 * 2 * len(FRAMES)
     assert (said["first_frame"], said["frames"], said["rate"], said["first_pixel"]) == (7, 12, None, "centre")
 
@@ -54,50 +51,43 @@ def test_movies_are_read_frame_by_frame(find, studio, tmp_path):
     assert_places(tmp_path / "blobs.csv", cameras, range(3, 11), shift=0.5, offset=6)
 
 
-def test_missing_pictures_are_told(find, studio, tmp_path):
+def test_missing_pictures_are_told_and_nothing_of_blender_stays_behind(find, studio, tmp_path):
     folder, _ = studio
+
+    def held():
+        counts = [len(kind) for kind in (bpy.data.images, bpy.data.textures, bpy.data.movieclips)]
+        return *counts, bpy.context.preferences.system.memory_cache_limit
+
+    before = held()
     save_pictures(tmp_path / "right", range(7, 15), 1)
     assert "right has pictures of frames 7 to 14 only" in find(folder / "left", tmp_path / "right").done().out
-    assert "no pictures of right" in find(folder / "left", out="one.csv").out
+    assert "no pictures of right" in find(folder / "movies" / "left.mp4", out="one.csv").done().out
+    assert held() == before
 
 
-def test_nothing_of_blender_stays_behind(find, studio):
-    before = [len(kind) for kind in (bpy.data.images, bpy.data.textures, bpy.data.movieclips)]
-    limit = bpy.context.preferences.system.memory_cache_limit
-    assert find(studio[0] / "movies" / "left.mp4").status == 0
-    assert [len(kind) for kind in (bpy.data.images, bpy.data.textures, bpy.data.movieclips)] == before
-    assert bpy.context.preferences.system.memory_cache_limit == limit
-
-
-def test_what_cannot_be_done(find, run, studio, tmp_path):
-    folder, _ = studio
-    left = folder / "left"
-    cases = {
-        "no camera's name in its own": [folder],
-        "the calibration has no camera top": [f"top={left}"],
-        "each camera once": [left, f"left={folder / 'movies' / 'left.mp4'}"],
-        "no such file": [f"left={folder / 'nothing.mp4'}"],
-        "neither a movie nor a picture": [f"left={folder / 'room.toml'}"],
-        "expected --frames among these": [left, "--frames", "50:60"],
-    }
-    broken = tmp_path / "left.mp4"
+def test_what_cannot_be_done(find, studio, tmp_path, monkeypatch):
+    left, broken = studio[0] / "left", tmp_path / "left.mp4"
     broken.write_bytes(b"no movie" * 50)
-    cases["cannot be read by Blender"] = [broken]
-    (tmp_path / "empty" / "left").mkdir(parents=True)
-    cases["holds no numbered pictures"] = [tmp_path / "empty" / "left"]
+    for name in ("empty", "wide", "two"):
+        (tmp_path / name / "left").mkdir(parents=True)
     save_pictures(tmp_path / "wide" / "left", range(1, 3), 0, size=(SIZE[0] + 10, SIZE[1]))
-    cases[f"is {SIZE[0] + 10} × {SIZE[1]} px, and camera left {SIZE[0]} × {SIZE[1]}"] = [tmp_path / "wide" / "left"]
     save_pictures(tmp_path / "two" / "left", [1, 300_000], 0)
-    cases["numbered by their frames"] = [tmp_path / "two" / "left"]
-    for words, given in cases.items():
+    for words, *given in (
+        ("no camera's name in its own", studio[0]),
+        ("the calibration has no camera top", f"top={left}"),
+        ("each camera once", left, f"left={studio[0] / 'movies' / 'left.mp4'}"),
+        ("no such file", f"left={studio[0] / 'nothing.mp4'}"),
+        ("neither a movie nor a picture", f"left={studio[0] / 'room.toml'}"),
+        ("expected --frames among these", left, "--frames", "50:60"),
+        ("cannot be read by Blender", broken),
+        ("holds no numbered pictures", tmp_path / "empty" / "left"),
+        (f"is {SIZE[0] + 10} × {SIZE[1]} px, and camera left {SIZE[0]} × {SIZE[1]}", tmp_path / "wide" / "left"),
+        ("numbered by their frames", tmp_path / "two" / "left"),
+    ):
         assert words in find(*given).refusal(2)
-        assert not (tmp_path / "blobs.csv").exists()
     assert "no picture shows a bright round spot" in find(left, "--threshold", "1").refusal(1)
     assert not (tmp_path / "blobs.csv").exists()
     assert find(left).status == 0
     assert "exists already" in find(left).reason
-
-
-def test_without_blender_it_is_said_in_one_sentence(find, studio, monkeypatch):
     monkeypatch.setattr("addon.blendfile.has_blender", lambda: False)
-    assert "pictures are read by Blender" in find(studio[0] / "left").refusal(2)
+    assert "pictures are read by Blender" in find(left, out="none.csv").refusal(2)

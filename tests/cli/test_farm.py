@@ -20,7 +20,7 @@ from addon.core.data.errors import JobError
 from addon.demo.take import MODEL
 from addon.jobs import LabelJob
 from addon.version import version
-from tests.faults.stage import wait_for
+from tests.faults.stage import content, wait_for
 
 from .conftest import lengthened
 
@@ -49,11 +49,9 @@ class Farm:
 
     def start(self, kind: str, *words) -> subprocess.Popen:
         line = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *map(str, words), "--no-dashboard"]
-        environment = dict(os.environ)
-        environment["PYTHONPATH"] = os.pathsep.join([str(self.folder / "site"), environment.get("PYTHONPATH", "")])
-        process = subprocess.Popen(
-            line, cwd=self.folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
+        paths = os.pathsep.join([str(self.folder / "site"), os.environ.get("PYTHONPATH", "")])
+        more = {"cwd": self.folder, "env": os.environ | {"PYTHONPATH": paths}}
+        process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **more)
         self.stack.callback(process.wait)
         self.stack.callback(process.kill)
         return process
@@ -96,19 +94,13 @@ def takes(copies):
 
 
 def made(out: Path) -> dict:
-    """What a folder of results holds, to the byte but for the seconds that it took."""
-    held = {path.name: path.read_bytes() for path in out.iterdir()}
-    for name, content in held.items():
-        if name.endswith(".json"):
-            report = json.loads(content)
-            assert report.pop("timing")
-            held[name] = json.dumps(report)
-    return held
+    """What a folder of results holds, but for the seconds that it took."""
+    return {path.name: content(path) for path in out.iterdir()}
 
 
 def timeless(answer) -> list:
     """What a batch says, but for its pace."""
-    said = json.loads(answer.out)
+    said = answer.json
     for take in said["takes"]:
         del take["timing"]
     said["failed"].sort(key=lambda failed: failed["take"])  # which come as they come, with --jobs too
@@ -138,9 +130,8 @@ def test_what_fails_what_is_there_and_what_is_done_is_said_as_by_one_machine(far
 def test_a_batch_that_is_stopped_or_killed_leaves_nothing_half_written(started, farmed, room, takes, tmp_path, kind):
     lengthened(room.blobs, takes[0], LONG)
     line = ["label", takes[0], "--model", MODEL, "--cameras", room.cameras, "--out", tmp_path / "out"]
-    line += ["--engine", "dask", "--scheduler", started.address]
-    command = [sys.executable, "-c", workers.SCRIPT, str(workers.ROOT), json.dumps(sys.path), *map(str, line)]
-    batch = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    line = [*workers.door(), *map(str, line), "--engine", "dask", "--scheduler", started.address]
+    batch = subprocess.Popen(line, stderr=subprocess.PIPE, text=True)
     wait_for(lambda: list((tmp_path / "out").glob(".part-*")))
     batch.send_signal(kind)
     _, said = batch.communicate()
@@ -188,19 +179,22 @@ def test_a_take_whose_workers_are_lost_again_and_again_fails_and_a_lost_schedule
         answer(CancelledError())
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "odd://there"])
-def test_a_scheduler_that_is_not_there_is_named(label, address, monkeypatch):
+def test_what_a_farm_lacks_is_one_sentence(label, takes, monkeypatch):
+    def refused(status, *words):
+        return label(*FEW, *words, blobs=takes[:2]).refusal(status)
+
+    def no_cluster(**words):
+        raise RuntimeError("can't start new thread")
+
     monkeypatch.setattr(farm, "CONNECT_S", 0.2)
-    assert f"no scheduler answers at {address}" in label(*FEW, "--engine", "dask", "--scheduler", address).refusal(1)
-
-
-def test_what_a_farm_needs_is_asked_for_before_any_work(label, monkeypatch):
-    def refused(*words):
-        return label(*FEW, *words).refusal(2)
-
-    assert "--scheduler is of --engine dask" in refused("--scheduler", "tcp://127.0.0.1:8786")
+    for address in ("tcp://127.0.0.1:1", "odd://there"):
+        assert f"no scheduler answers at {address}" in refused(1, "--engine", "dask", "--scheduler", address)
+    monkeypatch.setattr(distributed, "LocalCluster", no_cluster)
+    reason = refused(1, "--engine", "dask", "--jobs", "2")
+    assert reason == "dask's own cluster does not start (can't start new thread); expected fewer --jobs"
+    assert "--scheduler is of --engine dask" in refused(2, "--scheduler", "tcp://127.0.0.1:8786")
     monkeypatch.setattr(running, "find_spec", lambda name: None)
-    reason = refused("--engine", "dask", "--scheduler", "tcp://127.0.0.1:8786")
+    reason = refused(2, "--engine", "dask", "--scheduler", "tcp://127.0.0.1:8786")
     assert "needs the Python package distributed, which is not here" in reason
 
 
@@ -245,15 +239,6 @@ def test_without_a_scheduler_dask_has_as_many_workers_as_jobs_here_and_leaves_no
     assert processes_of_ours() == before
     # Of what it ran in this process only threads that wait for work and have no name of a worker may be left.
     assert [one.name for one in set(threading.enumerate()) - threads if "Dask-Default" in one.name] == []
-
-
-def test_a_cluster_that_does_not_start_is_one_sentence(label, takes, monkeypatch):
-    def refused(**words):
-        raise RuntimeError("can't start new thread")
-
-    monkeypatch.setattr(distributed, "LocalCluster", refused)
-    reason = label(*FEW, "--engine", "dask", "--jobs", "2", blobs=takes[:2]).refusal(1)
-    assert reason == "dask's own cluster does not start (can't start new thread); expected fewer --jobs"
 
 
 def processes_of_ours() -> set[int]:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`fill` and `label --fill`: gaps are closed and told, what was measured stays, what is wrong is one sentence."""
 
-import csv
 import json
 from dataclasses import replace
 
@@ -42,18 +41,14 @@ def holed(room, whole, tmp_path_factory):
 
 @pytest.mark.parametrize(("name", "measured"), [("walk.c3d", 0.5), ("walk.trc", 0.1)])
 def test_gaps_are_closed_and_told(run, holed, whole, tmp_path, name, measured):
-    answer = run("fill", holed / name, "--out", tmp_path / "full.c3d", "--json")
-    assert (answer.status, answer.err) == (0, "")
-    said = json.loads(answer.out)
-    with (tmp_path / "full.filled.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    said = run("fill", holed / name, "--out", tmp_path / "full.c3d", "--json").quiet().json
+    rows = rows_of(tmp_path / "full.filled.csv")
     assert list(rows[0]) == ["marker", "first", "last", "method", "expected_mm"]
     assert {row["marker"]: (int(row["first"]) - FIRST, int(row["last"]) + 1 - FIRST) for row in rows} == GAPS
     assert [float(row["expected_mm"]) for row in rows] == [row["expected_mm"] for row in said["filled"]]
     assert (said["samples_filled"], said["samples_missing"], said["left"]) == (6, 6, [])
     given, found = read_points(holed / name), read_points(tmp_path / "full.c3d")
-    assert found.names == given.names
-    assert found.first_frame == FIRST
+    assert (found.names, found.first_frame) == (given.names, FIRST)
     present = given.present
     assert np.abs(found.xyz[present] - given.xyz[present]).max() < 1e-6
     residual = ezc3d.c3d(str(tmp_path / "full.c3d"))["data"]["meta_points"]["residuals"][0].T
@@ -65,36 +60,36 @@ def test_gaps_are_closed_and_told(run, holed, whole, tmp_path, name, measured):
     assert (residual[3:6, -1] == -1).all()  # what has no name is not filled
 
 
-def test_what_was_filled_before_stays_marked(run, holed, tmp_path):
+def test_what_was_filled_before_stays_marked_and_longer_gaps_are_left_and_told(run, holed, tmp_path):
     assert run("fill", holed / "walk.c3d", "--out", tmp_path / "a.c3d", "--markers", "LKNE").status == 0
-    answer = run("fill", tmp_path / "a.c3d", "--out", tmp_path / "b.c3d", "--method", "spline", "--json")
-    assert [row["marker"] for row in json.loads(answer.out)["filled"]] == ["RELB"]
+    said = run("fill", tmp_path / "a.c3d", "--out", tmp_path / "b.c3d", "--method", "spline", "--json").json
+    assert [row["marker"] for row in said["filled"]] == ["RELB"]
     take = read_points(tmp_path / "b.c3d")
     assert {take.names[column] for column in np.nonzero(take.residual == 0)[1]} == set(GAPS)
-
-
-def test_longer_gaps_are_left_and_told(run, holed, tmp_path):
-    answer = run("fill", holed / "walk.c3d", "--out", tmp_path / "a.c3d", "--max-gap", 2, "--model", MODEL)
-    assert "1 of 2 gaps filled" in answer.out
-    assert "left: LKNE, frames 105 to 108: the gap is longer than 2 frames" in answer.out
+    said = run("fill", holed / "walk.c3d", "--out", tmp_path / "c.c3d", "--max-gap", 2, "--model", MODEL).out
+    assert "1 of 2 gaps filled" in said
+    assert "left: LKNE, frames 105 to 108: the gap is longer than 2 frames" in said
 
 
 def test_bad_inputs(run, holed, tmp_path):
-    out = tmp_path / "out" / "a.c3d"
-    assert "there is no such file" in run("fill", tmp_path / "none.c3d", "--out", out).reason
+    out, source, take = tmp_path / "out" / "a.c3d", holed / "walk.c3d", read_points(holed / "walk.c3d")
+
+    def refused(path, *words) -> str:
+        return run("fill", path, "--out", out, *words).reason
+
+    assert "there is no such file" in refused(tmp_path / "none.c3d")
     (tmp_path / "bad.c3d").write_bytes(b"nothing")
-    assert "expected a C3D file" in run("fill", tmp_path / "bad.c3d", "--out", out).reason
-    take = read_points(holed / "walk.c3d")
-    write_c3d(tmp_path / "anon.c3d", Points(("",) * len(take.names), take.xyz, take.residual, take.rate, 1))
-    assert "has no marker with a name; expected a labelled" in run("fill", tmp_path / "anon.c3d", "--out", out).reason
-    assert "over" in run("fill", holed / "walk.c3d", "--out", holed / "walk.c3d", "--overwrite").reason
-    write_c3d(tmp_path / "few.c3d", Points(("A", "B", "C"), take.xyz[:, :3], take.residual[:, :3], take.rate, 1))
-    answer = run("fill", tmp_path / "few.c3d", "--out", out, "--model", MODEL)
-    assert "has 0 of the markers of body26; expected 4 or more" in answer.reason
+    assert "expected a C3D file" in refused(tmp_path / "bad.c3d")
+    write_c3d(tmp_path / "anon.c3d", replace(take, names=("",) * len(take.names)))
+    assert "has no marker with a name; expected a labelled" in refused(tmp_path / "anon.c3d")
+    assert "over" in run("fill", source, "--out", source, "--overwrite").reason
+    write_c3d(tmp_path / "few.c3d", replace(take.picked([0, 1, 2]), names=("A", "B", "C")))
+    few = refused(tmp_path / "few.c3d", "--model", MODEL)
+    assert "has 0 of the markers of body26; expected 4 or more" in few
     assert not out.exists()
     out.parent.mkdir(exist_ok=True)
     out.write_text("mine")
-    assert "exists already" in run("fill", holed / "walk.c3d", "--out", out).reason
+    assert "exists already" in refused(source)
     assert out.read_text() == "mine"
 
 
@@ -105,8 +100,8 @@ def test_a_report_says_where_all_is_from_and_verify_whether_it_is_still_so(run, 
     assert run("label", holed / "walk.c3d", *words).status == 0
     source, full = tmp_path / "walk.c3d", tmp_path / "out" / "full.c3d"
     (tmp_path / "walk.edits.json").write_text(json.dumps(edits))  # of no concern to what is filled
-    before, answer = report_of(source), run("fill", source, "--out", full, "--model", MODEL, "--json")
-    said, report = json.loads(answer.out), report_of(full)
+    before, said = report_of(source), run("fill", source, "--out", full, "--model", MODEL, "--json").json
+    report = report_of(full)
     assert said.keys() - report.keys() == {"out", "seconds"}
     assert report["doubtful"] == before["doubtful"]
     rows, take = report["provenance"]["markers"], read_points(full)
@@ -117,11 +112,9 @@ def test_a_report_says_where_all_is_from_and_verify_whether_it_is_still_so(run, 
         assert sum(row["filled"].values()) == sum(gap["last"] + 1 - gap["first"] for gap in own)
         assert [row[kind] for kind in ("measured", "hand")] == [was[name][kind] for kind in ("measured", "hand")]
         assert row["missing"] == (~take.present[:, take.names.index(name)]).sum()
-    verified = "full: 2 results are as version "
     for one in (full, full.parent, full.with_suffix(".report.json"), full.with_suffix(".filled.csv")):
-        answer = run("verify", one)
-        assert answer.out.startswith(verified)
-        assert answer.out.endswith(f"made them of walk.c3d, {MODEL}\n")
+        said = run("verify", one).out
+        assert said.startswith("full: 2 results are as version ") and said.endswith(f"made them of walk.c3d, {MODEL}\n")
     again = tmp_path / "out" / "again.c3d"
     assert run("fill", full, "--out", again).status == 0
     later = report_of(again)["provenance"]["markers"]
@@ -146,16 +139,14 @@ def test_a_name_that_is_there_twice_is_told_apart(run, holed, tmp_path):
 
 def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, tmp_path):
     words = ("label", holed / "walk.c3d", "--model", MODEL, "--trc", "--json")
-    plain, full = (run(*words, "--out", tmp_path / name, *more) for name, more in (("a", ()), ("b", ("--fill",))))
-    assert (plain.status, full.status) == (0, 0)
+    [plain] = run(*words, "--out", tmp_path / "a").done().json["takes"]
+    [report] = run(*words, "--out", tmp_path / "b", "--fill").done().json["takes"]
     labels = [(tmp_path / name / "walk.labels.csv").read_text() for name in "ab"]
     assert labels[0] == labels[1]
     before, after = (read_points(tmp_path / name / "walk.c3d") for name in "ab")
-    [report] = json.loads(full.out)["takes"]
-    assert report == json.loads((tmp_path / "b" / "walk.report.json").read_text())
+    assert report == report_of(tmp_path / "b" / "walk.c3d")
     assert {row["marker"] for row in report["filled"]} >= set(GAPS)
-    assert "filled" not in json.loads(plain.out)["takes"][0]
-    assert report["markers"] == json.loads(plain.out)["takes"][0]["markers"]
+    assert ("filled" in plain, report["markers"]) == (False, plain["markers"])
     told = np.zeros(after.present.shape, bool)
     for row in report["filled"]:
         told[row["first"] - FIRST : row["last"] + 1 - FIRST, after.names.index(row["marker"])] = True

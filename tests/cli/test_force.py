@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes that cannot be as they are, mirrored or in another's room: refused, unless `--force` is given."""
 
-import csv
 import json
 from dataclasses import replace
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 from addon.core.body.sides import mirror_order
-from addon.core.data.takes import Points
 from addon.core.points.possible import MEND_BLOBS, Handedness, MirroredError
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
@@ -17,6 +15,8 @@ from addon.io.points import of_frames, read_points, write_c3d
 from addon.jobs.train import known_bodies
 from addon.jobs.training_takes import read_takes, refuse_mirrored
 from tests.inputs.walkers import write_truth
+
+from .conftest import report_of, rows_of
 
 LOPSIDED = "body39"  # by RBAK
 
@@ -32,36 +32,35 @@ def walks(tmp_path_factory):
     return folder
 
 
-def precision(run, folder, labels) -> float:
-    return json.loads(run("evaluate", labels, folder / "truth.csv", "--json").done().out)["precision"]
+def test_a_mirrored_take_is_refused_and_mended(run, figures, walks, tmp_path):
+    out = tmp_path / "out"
 
-
-def test_a_mirrored_take_is_refused_and_mended(run, walks, tmp_path):
     def label(*words, name="mirrored.c3d"):
-        return run("label", walks / name, "--model", LOPSIDED, "--out", tmp_path / "out", *words)
+        return run("label", walks / name, "--model", LOPSIDED, "--out", out, *words)
 
     assert label(name="plain.c3d").status == 0
-    before = sorted((tmp_path / "out").iterdir())
+    before = sorted(out.iterdir())
     reason = label().refusal(1)
     assert "is left-handed: one axis is mirrored, as RBAK would be on the other side of the body" in reason
     assert reason.endswith("; --force goes on regardless")
-    assert sorted((tmp_path / "out").iterdir()) == before, "nothing is named"
+    assert sorted(out.iterdir()) == before, "nothing is named"
 
+    reason = run("label", walks / "plain.c3d", "--model", LOPSIDED, "--mirror", "--out", tmp_path).refusal(1)
+    assert "; expected points whose file is left-handed, so have these read as they are, without mir" in reason
+    assert "--mirror" not in reason, "who mirrored is not told to"
     assert label("--mirror").status == 0
-    assert precision(run, walks, tmp_path / "out" / "mirrored.labels.csv") > 0.99
-    written = read_points(tmp_path / "out" / "mirrored.c3d")
-    recorded = read_points(walks / "plain.c3d")
+    assert figures(out / "mirrored.labels.csv", walks / "truth.csv")["precision"] > 0.99
     # Which axis is reversed is all the same: distances stay, and the triple product has its sign again.
-    across, forward = (
-        recorded.xyz[0, [recorded.names.index(name) for name in ("LASI", "RASI", "LTOE", "C7")]],
-        written.xyz[0, [written.names.index(name) for name in ("LASI", "RASI", "LTOE", "C7")]],
-    )
-    assert np.linalg.det(across[1:] - across[0]) == pytest.approx(np.linalg.det(forward[1:] - forward[0]), rel=1e-3)
+    products = []
+    for take in map(read_points, (walks / "plain.c3d", out / "mirrored.c3d")):
+        xyz = take.xyz[0, [take.names.index(name) for name in ("LASI", "RASI", "LTOE", "C7")]]
+        products.append(np.linalg.det(xyz[1:] - xyz[0]))
+    assert products[0] == pytest.approx(products[1], rel=1e-3)
 
     assert label("--force", "--overwrite").status == 0
-    report = json.loads((tmp_path / "out" / "mirrored.report.json").read_text())
-    assert any(note.startswith("is left-handed") for note in report["notes"])
-    assert "--force" not in json.dumps(report["notes"])
+    notes = report_of(out / "mirrored.c3d")["notes"]
+    assert any(note.startswith("is left-handed") for note in notes)
+    assert "--force" not in json.dumps(notes)
 
 
 @pytest.mark.parametrize("words", [("--model", LOPSIDED), ("--subject", f"A={LOPSIDED}")])
@@ -70,12 +69,6 @@ def test_a_mirrored_take_is_refused_by_the_joints_it_is_named_by(run, walks, tmp
     rest = [index for index, name in enumerate(take.names) if name != "T10"]
     write_c3d(tmp_path / "without.c3d", take.picked(rest))
     assert "is left-handed" in run("label", tmp_path / "without.c3d", *words, "--out", tmp_path / "out").refusal(1)
-
-
-def test_a_take_that_is_mirrored_once_too_often_is_not_told_to_be_mirrored(run, walks, tmp_path):
-    reason = run("label", walks / "plain.c3d", "--model", LOPSIDED, "--mirror", "--out", tmp_path).refusal(1)
-    assert "; expected points whose file is left-handed, so have these read as they are, without mir" in reason
-    assert "--mirror" not in reason
 
 
 def test_of_blobs_it_is_images_or_calibration_that_are_mirrored(walks, label, room):
@@ -101,9 +94,8 @@ def test_results_are_of_the_same_mirror_and_force(run, walks, tmp_path):
 @pytest.mark.parametrize("symmetric", ["gait15", "body26"])
 def test_of_a_set_that_has_all_twice_nothing_is_said(run, walks, tmp_path, symmetric):
     take = read_points(walks / "mirrored.c3d")
-    kept = [index for index, name in enumerate(take.names) if name in open_markerset(symmetric).by_name]
-    path = tmp_path / "twice.c3d"
-    write_c3d(path, Points(tuple(take.names[i] for i in kept), take.xyz[:, kept], take.residual[:, kept], take.rate, 1))
+    path, known = tmp_path / "twice.c3d", open_markerset(symmetric).by_name
+    write_c3d(path, take.picked([index for index, name in enumerate(take.names) if name in known]))
     assert run("label", path, "--model", symmetric, "--out", tmp_path / "out").status == 0
 
 
@@ -119,19 +111,12 @@ def test_train_learns_from_what_is_right_handed(run, walks, tmp_path, turned):
     assert not out.exists()
 
 
-def moved_blobs(room, path, change) -> None:
-    with room.blobs.open(newline="") as file:
-        head, *rows = csv.reader(file)
-    with path.open("w", newline="") as file:
-        csv.writer(file).writerows([head, *map(change, rows)])
-
-
 def shifted(row):
-    return [*row[:2], float(row[2]) + 40, float(row[3]) + 40, *row[4:]]
+    return row | {"x": float(row["x"]) + 40, "y": float(row["y"]) + 40}
 
 
 def renamed(row):
-    return [row[0], f"cam{int(row[1].removeprefix('cam')) % 8 + 1}", *row[2:]]
+    return row | {"camera": f"cam{int(row['camera'].removeprefix('cam')) % 8 + 1}"}
 
 
 @pytest.mark.parametrize(
@@ -139,11 +124,12 @@ def renamed(row):
     [(shifted, "the room seems not to be this take's"), (renamed, "cameras seem to have the names of others")],
 )
 def test_nothing_is_named_in_another_room(label, room, tmp_path, change, words):
-    moved_blobs(room, tmp_path / "odd.csv", change)
+    lines = [",".join(map(str, change(row).values())) for row in rows_of(room.blobs)]
+    head = room.blobs.read_text().partition("\n")[0]
+    (tmp_path / "odd.csv").write_bytes("\r\n".join([head, *lines, ""]).encode())
     reason = label(blobs=[tmp_path / "odd.csv"]).refusal(1)
     assert words in reason
     assert reason.endswith("; --force goes on regardless")
     assert not list((tmp_path / "out").glob("odd.*"))
-
     label("--force", blobs=[tmp_path / "odd.csv"]).done()
-    assert words in json.loads((tmp_path / "out" / "odd.report.json").read_text())["camera_doubts"][0]
+    assert words in report_of(tmp_path / "out" / "odd.c3d")["camera_doubts"][0]

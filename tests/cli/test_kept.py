@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is read or of another run is never written over, and nothing is written twice: verbs say so before they work."""
 
-import json
 import os
 import shutil
 
@@ -11,6 +10,8 @@ from addon.cli import demo
 from addon.cli.label import options
 from addon.demo.take import MODEL
 from addon.io.markersets import markerset_file
+
+from .conftest import report_of
 
 # What an output would replace. `hard` and `soft` are links to `take.c3d`, `b.c3d` is one to `sub/other.c3d`.
 COMMANDS = {
@@ -26,12 +27,17 @@ COMMANDS = {
     "simulate, blobs over one of a pair": "simulate take.c3d --cameras intri.yml --out extri.yml",
     "simulate, blobs over one of a folder": "simulate take.c3d --cameras cal --out cal/Res.dat",
     "reconstruct, points over a link": "reconstruct take.c3d --cameras room.toml --out hard.c3d",
+    "refine, over the room": "refine b.csv --cameras room.toml --model body26 --out room.toml",
     "label, take": "label take.c3d --model body26 --out .",
     "label, another take": "label b.csv sub/other.c3d --cameras room.toml --model body26 --out .",
+    "label, a file that is no take": "label sub/other.c3d other.labels.csv --model body26 --out .",
+    "label, page over takes": "label sub/other.c3d summary.report.html --model body26 --out . --summary",
     "label, scene": "label b.csv --cameras b.blend --model body26 --out . --blend",
     "label, model": "label b.csv --cameras room.toml --model b.trc --out . --trc",
     "demo, picture and take in one": "demo --out .",
 }
+FILES = """b.csv b.csv.truth.csv b.markerset.json b.blend b.trc intri.yml extri.yml cal/a1.Pmat.cal cal/a1.rad
+cal/Res.dat sub/other.c3d other.labels.csv summary.report.html"""
 OVER_LINKS = "simulate, blobs over a link", "demo, picture and take in one"
 
 
@@ -41,15 +47,16 @@ def files(tmp_path, room, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(options, "has_blender", lambda: True)
     monkeypatch.setattr(demo, "has_blender", lambda: True)
-    for name in ("b.csv", "b.csv.truth.csv", "b.markerset.json", "b.blend", "b.trc", "intri.yml", "extri.yml"):
-        (tmp_path / name).write_text(name)
-    for folder, names in (("cal", ("a1.Pmat.cal", "a1.rad", "Res.dat")), ("sub", ("other.c3d",))):
+    for folder in ("cal", "sub"):
         (tmp_path / folder).mkdir()
-        for name in names:
-            (tmp_path / folder / name).write_text(name)
-    (tmp_path / "take.c3d").write_bytes(room.c3d.read_bytes())
-    (tmp_path / "room.toml").write_bytes(room.cameras.read_bytes())
-    (tmp_path / "real.markerset.json").write_bytes(markerset_file("gait15").read_bytes())
+    for name in FILES.split():
+        (tmp_path / name).write_text(name)
+    for real, name in (
+        (room.c3d, "take.c3d"),
+        (room.cameras, "room.toml"),
+        (markerset_file("gait15"), "real.markerset.json"),
+    ):
+        shutil.copy(real, tmp_path / name)
     for link, of in (("hard.c3d", "take.c3d"), ("hard.json", "take.c3d"), ("b.c3d", "sub/other.c3d")):
         (tmp_path / link).hardlink_to(tmp_path / of)
     (tmp_path / "soft.c3d").symlink_to("take.c3d")
@@ -77,55 +84,46 @@ def test_a_model_may_be_trained_on_in_its_own_place(run, files):
     assert "written over" not in answer.reason
 
 
-ALWAYS = {"take.labels.csv", "take.c3d", "take.report.json"}
-
-
 @pytest.fixture
 def label(run, room, tmp_path):
-    """Labels a few frames of `tmp_path/take.c3d` into `tmp_path/out`; gives the report."""
+    """Labels a few frames of `tmp_path/take.c3d`, or of another, into `tmp_path/out`; gives the folder."""
     shutil.copy(room.c3d, tmp_path / "take.c3d")
+    out = tmp_path / "out"
 
     def call(*words, source=tmp_path / "take.c3d"):
-        answer = run("label", source, "--model", MODEL, "--out", tmp_path / "out", "--frames", ":110", *words)
-        call.said = answer.done().out
-        return json.loads((tmp_path / "out" / "take.report.json").read_text())
+        run("label", source, "--model", MODEL, "--out", out, "--frames", ":110", *words).done()
+        return out
 
     return call
 
 
-def names_in(folder):
-    return {path.name for path in folder.iterdir()}
-
-
-def test_files_that_only_the_earlier_run_wrote_stay_and_are_told(label, tmp_path):
-    label("--trc", "--html")
-    out = tmp_path / "out"
+def test_files_that_only_the_earlier_run_wrote_stay_and_are_told(label):
+    out = label("--trc", "--html")
     before = (out / "take.trc").read_bytes()
     (out / "taken.trc").write_text("somebody's")
-    report = label("--overwrite", "--html")
-    assert report["notes"] == ["take.trc is not of this run, and stays as it is"]
-    assert report["notes"][0] in label.said
+    label("--overwrite", "--html")
+    assert report_of(out / "take.c3d")["notes"] == ["take.trc is not of this run, and stays as it is"]
     assert (out / "take.trc").read_bytes() == before
-    assert len(label("--overwrite")["notes"]) == 2
-    assert names_in(out) == ALWAYS | {"take.trc", "take.report.html", "taken.trc"}
+    assert len(report_of(label("--overwrite") / "take.c3d")["notes"]) == 2
+    always = {"take.labels.csv", "take.c3d", "take.report.json"}
+    assert {path.name for path in out.iterdir()} == always | {"take.trc", "take.report.html", "taken.trc"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need leave there")
 @pytest.mark.parametrize("link", [False, True])
 def test_an_earlier_result_that_is_read_now_stays(label, tmp_path, link):
-    label("--trc")
-    source = tmp_path / "out" / "take.trc"
+    source = given = label("--trc") / "take.trc"
     if link:
         (tmp_path / "elsewhere").mkdir()
-        os.link(source, tmp_path / "elsewhere" / "take.trc")
+        given = tmp_path / "elsewhere" / "take.trc"
+        os.link(source, given)
     before = source.read_bytes()
-    label("--overwrite", source=tmp_path / "elsewhere" / "take.trc" if link else source)
+    label("--overwrite", source=given)
     assert source.read_bytes() == before
 
 
 def test_a_run_that_fails_takes_nothing_away(label, run, tmp_path):
-    label("--trc")
-    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    before = held(label("--trc"))
     words = "--model", MODEL, "--out", tmp_path / "out", "--overwrite", "--frames", "900000:"
     assert run("label", tmp_path / "take.c3d", *words).status != 0
-    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+    assert held(tmp_path / "out") == before

@@ -2,7 +2,6 @@
 """Work that is handed to another process: what comes of it is what would here, and its end is told in a sentence."""
 
 import sys
-import time
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -20,16 +19,12 @@ from addon.io.markersets import open_markerset
 from addon.jobs import LabelJob, label_to_show
 from tests.faults.stage import wait_for
 
-PATIENCE = 120.0  # s; a busy machine starts slowly
-
 
 def looked_at(worker):
     """What comes of what a process does."""
-    until = time.monotonic() + PATIENCE
-    while (found := worker.look()) is None:
-        assert time.monotonic() < until
-        time.sleep(0.02)
-    return found
+    found = []
+    wait_for(lambda: found.append(worker.look()) or found[-1] is not None)
+    return found[-1]
 
 
 @pytest.fixture
@@ -37,7 +32,7 @@ def worker(tmp_path):
     worker = Worker(tmp_path)
     yield worker
     worker.close()
-    worker.process.wait(PATIENCE)
+    worker.process.wait(120)
 
 
 def test_what_is_handed_over_is_the_same_on_the_other_side(tmp_path):
@@ -47,8 +42,7 @@ def test_what_is_handed_over_is_the_same_on_the_other_side(tmp_path):
     found = read_parcel(tmp_path / "one")
     assert repr(found[:7]) == repr([*given[:6], (Path("a b"), {Path("c"): (3,)})])
     assert np.array_equal(found[7], table)
-    assert found[8] is found[9]
-    assert found[8].markers == body.markers
+    assert found[8] is found[9] and found[8].markers == body.markers
     assert np.array_equal(found[8].skeleton.offsets, body.skeleton.offsets)
     write_parcel(tmp_path / "two", ForceableError("odd; expected even", "a.c3d", 3))
     trouble = read_parcel(tmp_path / "two")
@@ -90,18 +84,14 @@ def test_how_far_the_work_is_is_told(monkeypatch, room, tmp_path):
     assert shares == sorted(shares) and 0.0 < shares[-1] <= 1.0
 
 
-def test_trouble_elsewhere_is_the_trouble_here(worker, tmp_path):
+def test_trouble_elsewhere_is_told_here_and_a_process_that_nobody_waits_for_ends(worker, room, tmp_path):
     worker.hand(partial(label_to_show, LabelJob(tmp_path / "none.c3d", None, MODEL, Path())))
-    trouble = looked_at(worker)
-    assert str(trouble).startswith(f"{tmp_path / 'none.c3d'}: there is no such file")
-
-
-def test_a_process_that_is_killed_says_so_and_one_that_nobody_waits_for_ends(worker, room, tmp_path):
-    job = LabelJob(room.c3d, None, MODEL, Path(), keep=True)
-    worker.hand(partial(label_to_show, job))
+    assert str(looked_at(worker)).startswith(f"{tmp_path / 'none.c3d'}: there is no such file")
+    work = partial(label_to_show, LabelJob(room.c3d, None, MODEL, Path(), keep=True))
+    worker.hand(work)
     worker.process.kill()
     assert "its process was killed" in str(looked_at(worker)) or worker.process.returncode > 0
     other = Worker(tmp_path)
-    other.hand(partial(label_to_show, job))
+    other.hand(work)
     other.close()
     wait_for(lambda: other.process.poll() is not None)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files of another axis, without a rate, with frame numbers beyond 32 bits, or a .qtm, behind every verb that reads."""
 
-import csv
-import json
 import struct
 from dataclasses import replace
 
@@ -15,12 +13,12 @@ from addon.core.geometry.camera_up import turned
 from addon.demo.take import MODEL
 from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras, write_cameras
-from addon.io.points import read_points, write_c3d
+from addon.io.points import read_points, write_c3d, write_trc
 from addon.jobs.training_takes import read_takes
 from tests.io.samples import qca
 
 from ..io.qtm_file import FILLED, MEASURED, Recording, Trajectory, write_qtm
-from .conftest import FRAMES, report_of
+from .conftest import FRAMES, report_of, rows_of
 
 SAID = "the file says that -Z is up, but +Z was taken by "
 NO_RATE = "the file has a rate of 0 frames a second, so the 60 that are given were taken"
@@ -48,18 +46,17 @@ def without_rate(room, tmp_path):
 def label_points(run, tmp_path):
     def call(path, *words):
         answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out", "--overwrite", *words)
-        report = tmp_path / "out" / f"{path.stem}.report.json"
-        return answer, json.loads(report.read_text()) if answer.status == 0 else None
+        return answer, report_of(tmp_path / "out" / path.name) if answer.status == 0 else None
 
     return call
 
 
-def test_label_says_which_axis_it_took_and_takes_the_one_that_is_given(label_points, room, upside_down, tmp_path):
+def test_label_says_which_axis_and_rate_it_took_and_takes_those_given(
+    label_points, room, upside_down, without_rate, tmp_path
+):
     answer, report = label_points(upside_down)
-    assert answer.status == 0
-    assert SAID in answer.out
-    assert report["up_axis"] == "+Z"
-    assert report["notes"][0].startswith(SAID)
+    assert SAID in answer.done().out
+    assert report["up_axis"] == "+Z" and report["notes"][0].startswith(SAID)
     assert report["unlabelled"] < 0.1 * report["points"]
     found, truth = read_points(tmp_path / "out" / "down.c3d"), read_points(room.c3d)
     assert np.nanmedian(np.abs(found.xyz[:, [found.names.index(name) for name in truth.names]] - truth.xyz)) < 1e-4
@@ -69,33 +66,24 @@ def test_label_says_which_axis_it_took_and_takes_the_one_that_is_given(label_poi
     for words in (["--up", "-z"], ["--up=-z"]):
         answer, report = label_points(upside_down, *words)
         assert answer.status == 1 or (report["up_axis"] == "-Z" and report["unlabelled"] > 0.9 * report["points"])
-
-
-def test_label_takes_a_rate_where_there_is_none(label_points, without_rate):
     assert "has a rate of 0 frames a second; expected a rate above zero" in label_points(without_rate)[0].reason
     answer, report = label_points(without_rate, "--rate", "60")
-    assert (report["rate"], report["notes"]) == (60, [NO_RATE])
-    assert NO_RATE in answer.out
+    assert (report["rate"], report["notes"], NO_RATE in answer.out) == (60, [NO_RATE], True)
 
 
 def test_simulate_takes_axis_and_rate(run, room, upside_down, without_rate, tmp_path):
     def blobs(take, *words):
         out = tmp_path / "blobs.csv"
-        answer = run("simulate", take, "--cameras", room.cameras, "--out", out, "--overwrite", *words)
-        return answer, out.read_text() if answer.status == 0 else ""
+        said = run("simulate", take, "--cameras", room.cameras, "--out", out, "--overwrite", *words).done().out
+        return said, out.read_text()
 
     plain = blobs(room.c3d)[1]
-    answer, seen = blobs(upside_down)
-    assert seen == plain
-    assert SAID in answer.out
-    answer, seen = blobs(upside_down, "--up", "z")
-    assert seen == plain
-    assert SAID not in answer.out
+    for words, told in (([], True), (["--up", "z"], False)):
+        said, seen = blobs(upside_down, *words)
+        assert (seen == plain, SAID in said) == (True, told)
     assert blobs(upside_down, "--up", "-z")[1] != plain
-    assert "rate of 0" in blobs(without_rate)[0].reason
-    answer, seen = blobs(without_rate, "--rate", "60", "--json")
-    assert seen == plain
-    assert json.loads(answer.out)["notes"] == [NO_RATE]
+    said, seen = blobs(without_rate, "--rate", "60")
+    assert (seen == plain, NO_RATE in said) == (True, True)
 
 
 def test_train_takes_axis_and_rate(run, upside_down, without_rate, tmp_path, monkeypatch):
@@ -121,9 +109,7 @@ def test_frames_are_numbered_up_to_the_last_of_32_bits(label_points, room, tmp_p
     path = tmp_path / "late.c3d"
     for first, written in ((last - len(take.xyz) + 1, None), (0, None)):
         write_c3d(path, Points(take.names, take.xyz, take.residual, take.rate, first))
-        answer, report = label_points(path)
-        assert answer.status == 0, answer.err
-        assert report.get("c3d_first_frame") == written
+        assert label_points(path)[1].get("c3d_first_frame") == written
         assert read_points(tmp_path / "out" / "late.c3d").first_frame == first
     # The last of 32 bits is passed within the take.
     content = path.read_bytes()
@@ -131,9 +117,8 @@ def test_frames_are_numbered_up_to_the_last_of_32_bits(label_points, room, tmp_p
         at = content.index(f"ACTUAL_{name}_FIELD".encode()) + len(f"ACTUAL_{name}_FIELD") + 5
         content = content[:at] + struct.pack("<I", number) + content[at + 4 :]
     path.write_bytes(content[:6] + b"\xff\xff\xff\xff" + content[10:])
-    answer, _ = label_points(path)
-    assert answer.status == 2
-    assert f"goes on to frame {last - 3 + len(take.xyz)}; expected frame numbers up to {last}" in answer.err
+    words = f"goes on to frame {last - 3 + len(take.xyz)}; expected frame numbers up to {last}"
+    assert words in label_points(path)[0].refusal(2)
 
 
 Y_UP_FROM_Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -150,7 +135,7 @@ def lying(room, tmp_path):
 def test_reconstruct(run, room, lying, tmp_path):
     def points(name, cameras, *words):
         answer = run("reconstruct", room.blobs, "--cameras", cameras, "--out", tmp_path / name, "--json", *words)
-        return read_points(tmp_path / name), json.loads(answer.done().out)
+        return read_points(tmp_path / name), answer.done().json
 
     plain, _ = points("plain.c3d", room.cameras)
     turned_back, said = points("turned.c3d", lying)
@@ -160,20 +145,17 @@ def test_reconstruct(run, room, lying, tmp_path):
     assert "calibration" not in told
     overruled, _ = points("overruled.trc", lying, "--up", "z")
     np.testing.assert_allclose(overruled.xyz, plain.xyz @ Y_UP_FROM_Z_UP.T, atol=1e-4)
-    words = run("reconstruct", room.blobs, "--cameras", lying, "--out", tmp_path / "words.c3d").out
-    assert TURNED in words
+    assert TURNED in run("reconstruct", room.blobs, "--cameras", lying, "--out", tmp_path / "words.c3d").out
 
 
 def test_label_and_simulate(label, run, room, lying, tmp_path):
     assert TURNED in label("--frames", "100:103", cameras=lying).out
     report = report_of(tmp_path / "out" / "walk.c3d")
-    assert report["calibration"] == [TURNED]
-    assert report["unlabelled"] < 0.3 * report["blobs"]
+    assert report["calibration"] == [TURNED] and report["unlabelled"] < 0.3 * report["blobs"]
     assert label("--frames", "100:103", "--up=-y", "--overwrite", cameras=lying).status == 0
     assert "calibration" not in report_of(tmp_path / "out" / "walk.c3d")
     words = "simulate", room.c3d, "--cameras", lying, "--out", tmp_path / "turned.csv", "--overwrite"
-    assert TURNED in run(*words).out
-    assert TURNED not in run(*words, "--cameras-up", "y").out
+    assert [TURNED in run(*words, *more).out for more in ((), ("--cameras-up", "y"))] == [True, False]
 
 
 PAUSE = 5 * 60 * 240  # frames: five minutes at 240 Hz
@@ -189,9 +171,9 @@ def moved(room, folder, shift: int, again: int = 0):
     return path
 
 
-def test_minutes_without_anybody_keep_the_numbers_of_all_files(label, room, tmp_path):
+def test_minutes_without_anybody_keep_the_numbers_of_all_files(label, run, room, tmp_path):
     label("--trc", blobs=[moved(room, tmp_path, 0, PAUSE)]).done()
-    report = json.loads((tmp_path / "out" / "moved.report.json").read_text())
+    report = report_of(tmp_path / "out" / "moved.csv")
     assert report["frames"] == PAUSE + 20
     assert {marker["longest_gap"] >= PAUSE - 20 for marker in report["markers"].values()} == {True}
     for ending in (".c3d", ".trc"):
@@ -200,12 +182,9 @@ def test_minutes_without_anybody_keep_the_numbers_of_all_files(label, room, tmp_
         assert take.first_frame == 100
         assert np.isin([0, 19, PAUSE, PAUSE + 19], seen).all()
         assert not ((seen > 19) & (seen < PAUSE)).any()
-
-
-def test_points_of_blobs_with_a_long_gap_are_made_in_seconds(run, room, tmp_path):
-    out = tmp_path / "points.c3d"
-    assert run("reconstruct", moved(room, tmp_path, 0, 2000), "--cameras", room.cameras, "--out", out).status == 0
-    assert len(read_points(out).xyz) == 2020
+    points = tmp_path / "points.c3d"
+    assert run("reconstruct", moved(room, tmp_path, 0, 2000), "--cameras", room.cameras, "--out", points).status == 0
+    assert len(read_points(points).xyz) == 2020
 
 
 @pytest.mark.blender
@@ -216,23 +195,16 @@ def test_a_take_longer_than_blender_counts_is_refused_before_it_is_worked_on(lab
     assert not list((tmp_path / "out").iterdir())
 
 
-def trc_from(room, folder, run, first: int):
-    """The room's take as a TRC that begins with another frame."""
-    assert run("label", room.c3d, "--model", MODEL, "--out", folder, "--trc").status == 0
-    lines = (folder / "take.trc").read_text().splitlines()
-    rows = [line.split("\t", 1) for line in lines[6:]]
-    path = folder / "far.trc"
-    path.write_text("\n".join(lines[:6] + [f"{first + at}\t{rest}" for at, (_, rest) in enumerate(rows)]) + "\n")
-    return path
-
-
 @pytest.mark.parametrize("first", [5_000_000_000, 2**32 - 10])
 def test_points_beyond_what_a_c3d_counts_are_told_with_file_and_line(run, room, tmp_path, first):
-    path = trc_from(room, tmp_path, run, first)
-    reason = run("label", path, "--model", MODEL, "--out", tmp_path / "out", "--trc").refusal(2)
-    assert "far.trc:" in reason
-    assert "up to 4294967295" in reason
-    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+    path, out = tmp_path / "far.trc", tmp_path / "out"
+    write_trc(path, read_points(room.c3d))
+    lines = path.read_text().splitlines()
+    rows = ["\t".join([str(first + at), *line.split("\t")[1:]]) for at, line in enumerate(lines[6:])]
+    path.write_text("\n".join([*lines[:6], *rows, ""]))
+    reason = run("label", path, "--model", MODEL, "--out", out, "--trc").refusal(2)
+    assert "far.trc:" in reason and "up to 4294967295" in reason
+    assert not out.exists() or not list(out.iterdir())
 
 
 @pytest.fixture(scope="module")
@@ -254,25 +226,18 @@ def capture(room, tmp_path_factory):
     return write_qtm(folder / "walk.qtm", Recording(shown, blobs, tracks, rate=100.0))
 
 
-def marker_rows(path) -> list[list[str]]:
-    with path.open(newline="") as file:
-        return list(csv.reader(file))[1:]
-
-
 def test_a_capture_is_labelled_without_cameras_as_its_blobs_would_be(run, capture, tmp_path):
-    answer = run("label", capture, "--model", MODEL, "--out", tmp_path / "out")
-    assert (answer.status, answer.err) == (0, "")
-    assert "its blobs (" in answer.out and "are taken, not its 3D points (" in answer.out and "--use" in answer.out
-    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+    said = run("label", capture, "--model", MODEL, "--out", tmp_path / "out").quiet().out
+    assert "its blobs (" in said and "are taken, not its 3D points (" in said and "--use" in said
+    report = report_of(tmp_path / "out" / "walk.c3d")
     assert (report["rate"], report["rate_assumed"]) == (100.0, False)
     assert report["capture"][0].startswith("of walk.qtm, its blobs")
-    labels = marker_rows(tmp_path / "out" / "walk.labels.csv")
     # The same blobs as text, with the same calibration beside them.
-    with (tmp_path / "walk.csv").open("w") as file:
-        file.write("frame,camera,x,y\n" + "".join(",".join(row[:4]) + "\n" for row in labels))
+    labels = [list(row.values()) for row in rows_of(tmp_path / "out" / "walk.labels.csv")]
+    (tmp_path / "walk.csv").write_text("\n".join(["frame,camera,x,y", *(",".join(row[:4]) for row in labels), ""]))
     write_cameras(tmp_path / "room.toml", read_cameras(capture))
     run("label", tmp_path / "walk.csv", "--cameras", tmp_path / "room.toml", "--model", MODEL, "--out", tmp_path).done()
-    theirs = marker_rows(tmp_path / "walk.labels.csv")
+    theirs = [list(row.values()) for row in rows_of(tmp_path / "walk.labels.csv")]
     assert [row[:4] for row in labels] == [row[:4] for row in theirs]
     assert np.mean([one[4] == other[4] for one, other in zip(labels, theirs, strict=True)]) > 0.99
     assert np.mean([row[4] != "" for row in labels]) > 0.5
@@ -281,7 +246,7 @@ def test_a_capture_is_labelled_without_cameras_as_its_blobs_would_be(run, captur
 def test_its_points_are_labelled_where_they_are_asked_for(run, capture, tmp_path):
     answer = run("label", capture, "--use", "points", "--model", MODEL, "--out", tmp_path).done()
     assert "its 3D points (" in answer.out and "are taken, not its blobs" in answer.out
-    report = json.loads((tmp_path / "walk.report.json").read_text())
+    report = report_of(tmp_path / "walk.c3d")
     assert report["points"] > 0 and report["provenance"]["cameras"] == []
     again = run("label", capture, "--use", "points", "--model", MODEL, "--out", tmp_path, "--resume")
     assert "done before" in again.out
@@ -293,7 +258,7 @@ def test_other_cameras_overrule_its_own_and_those_that_are_not_there_are_named(r
     words = ("--model", MODEL, "--out", tmp_path, "--frames", f"{FRAMES[0]}:{FRAMES[0] + 3}")
     said = run("label", capture, "--cameras", tmp_path / "fewer.toml", *words).done().out
     assert f"cameras that the calibration does not have are left out: {own.names[-1]}" in said
-    assert own.names[-1] not in {row[1] for row in marker_rows(tmp_path / "walk.labels.csv")}
+    assert own.names[-1] not in {row["camera"] for row in rows_of(tmp_path / "walk.labels.csv")}
     write_cameras(tmp_path / "others.toml", replace(own, names=tuple(f"c{name}" for name in own.names)))
     answer = run("label", capture, "--cameras", tmp_path / "others.toml", *words, "--overwrite")
     assert "expected some of the calibration's, c11" in answer.reason
@@ -309,7 +274,7 @@ def test_a_capture_that_is_none_is_refused(run, capture, tmp_path):
 
 def test_reconstruct_and_refine_need_no_cameras_either(run, capture, room, tmp_path):
     answer = run("reconstruct", capture, "--out", tmp_path / "points.c3d", "--json")
-    result = json.loads(answer.out)
+    result = answer.json
     assert (answer.status, result["rate"], result["rate_assumed"]) == (0, 100.0, False)
     assert result["first_frame"] == FRAMES[0] and result["capture"]
     answer = run("reconstruct", room.blobs, "--out", tmp_path / "none.c3d")
@@ -323,4 +288,4 @@ def test_gaps_are_filled_and_cameras_taken_for_a_virtual_capture(run, capture, r
     takes = read_points(capture), read_points(tmp_path / "filled.c3d")
     assert len({(take.rate, take.first_frame, len(take.xyz)) for take in takes}) == 1
     run("simulate", room.c3d, "--cameras", capture, "--out", tmp_path / "blobs.csv").done()
-    assert {row[1] for row in marker_rows(tmp_path / "blobs.csv")} <= set(read_cameras(capture).names)
+    assert {row["camera"] for row in rows_of(tmp_path / "blobs.csv")} <= set(read_cameras(capture).names)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Closed and full streams, closed terminals and odd paths: the exit status holds and a take is never lost to them."""
 
-import errno
 import io
 import os
 import signal
@@ -9,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -18,6 +18,8 @@ from addon.cli import main
 from addon.cli.console import stoppable
 from addon.io.scratch import SCRATCH, take_away_scratch
 
+from .conftest import no_room
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -25,7 +27,7 @@ class Full(io.StringIO):
     """A stream on a full disk."""
 
     def write(self, _text):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        no_room()
 
 
 @pytest.fixture
@@ -44,9 +46,9 @@ def test_files_never_take_the_numbers_of_closed_streams(room, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} >= {"walk.blend", "walk.c3d"}
 
 
-@pytest.mark.parametrize("stream", ["stdout", "stderr"])
-def test_a_closed_stream_leaves_the_exit_status_as_it_is(monkeypatch, words, stream):
-    monkeypatch.setattr(sys, stream, None)
+@pytest.mark.parametrize(("name", "stream"), [("stdout", None), ("stderr", None), ("stderr", Full())])
+def test_a_closed_or_full_stream_leaves_take_and_exit_status_as_they_are(monkeypatch, words, name, stream):
+    monkeypatch.setattr(sys, name, stream)
     assert main([*words, "--progress"]) == 0
     assert main(words) == 2  # the files are there now
     assert main(["bogus"]) == 2
@@ -60,38 +62,18 @@ def test_results_that_find_no_room_are_a_failure_in_one_sentence(monkeypatch, ca
     assert "; expected " in said
 
 
-def test_progress_that_finds_no_room_does_not_cost_the_take(monkeypatch, words, tmp_path):
-    monkeypatch.setattr(sys, "stderr", Full())
-    assert main([*words, "--progress"]) == 0
-    assert (tmp_path / "out" / "walk.c3d").is_file()
-    assert main(["bogus"]) == 2
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="this system has no SIGHUP")
-def test_a_closed_terminal_stops_the_work_and_nohup_does_not():
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests themselves may run under nohup
-    try:
-        with stoppable(), pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGHUP)
-        signal.signal(signal.SIGHUP, signal.SIG_IGN)
-        with stoppable():
-            os.kill(os.getpid(), signal.SIGHUP)
-    finally:
-        signal.signal(signal.SIGHUP, before)
-
-
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize("kind", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_what_stops_the_work_is_noted_while_blender_is_at_work_and_raised_behind(kind):
+def test_what_stops_the_work_is_raised_but_while_blender_is_at_work_behind_and_nohup_is_heard(kind):
     kind, behind = getattr(signal, kind), []
-    before = signal.signal(kind, signal.SIG_DFL)
+    before = signal.signal(kind, signal.SIG_DFL)  # the tests themselves may run under nohup
     try:
         with stoppable(), pytest.raises(KeyboardInterrupt), unbroken():
             os.kill(os.getpid(), kind)
             behind.append(kind)
         assert behind == [kind]
         signal.signal(kind, signal.SIG_IGN)
-        with unbroken():
+        with stoppable() if kind == signal.SIGHUP else nullcontext(), unbroken():
             os.kill(os.getpid(), kind)
         assert signal.getsignal(kind) is signal.SIG_IGN
     finally:
@@ -161,30 +143,23 @@ def test_temporary_files_of_blender_are_gone_at_the_end_or_with_the_next_run(tmp
         "if sys.argv[1] == 'True': os.kill(os.getpid(), signal.SIGKILL)\n"
         "import atexit; atexit._run_exitfuncs(); os._exit(0)"  # Blender 4.5 may wait for itself for ever
     )
-    line = [sys.executable, "-c", script, str(killed), str(ROOT)]
-    there = subprocess.run(
-        line, env=os.environ | {"TMPDIR": str(tmp_path)}, stdout=subprocess.PIPE, text=True, check=False
-    )
+    line = ["env", f"TMPDIR={tmp_path}", sys.executable, "-c", script, str(killed), str(ROOT)]
+    there = subprocess.run(line, stdout=subprocess.PIPE, text=True, check=False)
     assert there.returncode == (-signal.SIGKILL if killed else 0)
     name = there.stdout.split("\n")[-2]  # what Blender says of itself stands before
-    assert Path(name).parent.parent == tmp_path
-    assert Path(name).parent.name.startswith(SCRATCH)
+    assert Path(name).parent.parent == tmp_path and Path(name).parent.name.startswith(SCRATCH)
     assert len(list(tmp_path.iterdir())) == killed
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     take_away_scratch()
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("place", ["--model", "--cameras", "--out"])
-def test_a_path_that_no_system_takes_is_bad_input(run, words, place):
-    assert "fault" not in run(*words, place, "l" * 5000).refusal(2)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
-def test_a_pipe_without_a_writer_is_refused_at_once(label, tmp_path):
-    os.mkfifo(tmp_path / "pipe.csv")
-    assert "pipe.csv: is a pipe" in label(blobs=[tmp_path / "pipe.csv"]).refusal(2)
-
-
-def test_values_that_begin_with_a_minus_are_values(label):
+def test_paths_that_no_system_takes_and_pipes_without_a_writer_are_bad_input_and_minus_begins_a_value(
+    run, words, label, tmp_path
+):
+    for place in ("--model", "--cameras", "--out"):
+        assert "fault" not in run(*words, place, "l" * 5000).refusal(2)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe.csv")
+        assert "pipe.csv: is a pipe" in label(blobs=[tmp_path / "pipe.csv"]).refusal(2)
     assert label("--frames", "-5:100", "--facing", "-1e1").status == 0

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`label --subjects` and `--subject`: whose markers are whose in every file, and what is asked in vain."""
 
-import argparse
 import contextlib
 import json
 import shutil
@@ -12,10 +11,10 @@ import ezc3d
 import numpy as np
 import pytest
 
-from addon.cli.label import add_parser
 from addon.cli.label.farm import _for_elsewhere
 from addon.cli.label.options import as_job, settle_subjects
 from addon.cli.parcels import read_parcel
+from addon.cli.parser import build_parser
 from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
 from addon.core.points.several.wearers import is_subject_name
@@ -27,15 +26,6 @@ from addon.jobs.job import made_of
 from tests.inputs.walkers import RATE, WORN, write_pair, write_seen
 
 from .conftest import report_of, rows_of
-
-
-def label_arguments(take, out, *words):
-    """What the verb is called with."""
-    parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers())
-    given = parser.parse_args(["label", str(take), f"--out={out}", *words])
-    settle_subjects(given)
-    return given
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +57,10 @@ def in_every_file(out, stem: str):
 
 
 def test_two_are_named_in_every_file(label, figures, pair, tmp_path):
-    answer = label("--model", WORN, "--subjects", "2", "--trc")
-    assert (answer.status, answer.err) == (0, "")
+    assert "--subjects" in label("--model", WORN).reason
+    label("--model", WORN, "--subjects", "2", "--trc").quiet()
     found = figures(tmp_path / "out/pair.labels.csv", pair / "truth.csv")
-    assert found["precision"] == 1
-    assert found["recall"] > 0.95
+    assert found["precision"] == 1 and found["recall"] > 0.95
     in_every_file(tmp_path / "out", "pair")
     reason = label("--subject", f"zoe={WORN}", "--subject", f"ann={WORN}", "--resume").reason
     assert "differs in model, --subjects, --subject, --trc; expected" in reason
@@ -92,8 +81,7 @@ def test_gaps_of_each_are_filled_and_the_page_shows_both(label, run, pair, tmp_p
     assert np.linalg.norm(filled.xyz[15:22, place] - take.xyz[15:22, order[0]], axis=1).max() < 0.03
     assert (filled.residual[15:22, place] == 0).all()
     page = (tmp_path / "out/pair.report.html").read_text()
-    assert "1:LKNE" in page
-    assert "2:LKNE" in page
+    assert "1:LKNE" in page and "2:LKNE" in page
 
 
 def test_edits_say_whose_a_trajectory_is(label, pair, tmp_path):
@@ -109,10 +97,9 @@ def test_edits_say_whose_a_trajectory_is(label, pair, tmp_path):
     words = "--model", WORN, "--subjects", "auto", "--edits", tmp_path / "own.json", "--overwrite"
     assert label(*words).status == 0
     rows = rows_of(tmp_path / "out/pair.labels.csv")
-    own = {int(row["frame"]): row for row in rows if row["point"] == point}
-    assert {own[frame]["marker"] for frame in range(10, 15)} == {"2:LKNE"}
-    assert {own[frame]["step"] for frame in range(10, 15)} == {"edit"}
-    assert {own[frame]["marker"] for frame in (*range(7, 10), *range(15, 47))} == {"1:LKNE"}
+    own = {int(row["frame"]): (row["marker"], row["step"]) for row in rows if row["point"] == point}
+    assert {own[frame] for frame in range(10, 15)} == {("2:LKNE", "edit")}
+    assert {own[frame][0] for frame in (*range(7, 10), *range(15, 47))} == {"1:LKNE"}
     before = {(row["frame"], row["point"]): row["marker"] for row in plain}
     for row in rows:
         was = before[row["frame"], row["point"]]
@@ -124,10 +111,6 @@ def test_edits_say_whose_a_trajectory_is(label, pair, tmp_path):
     written = read_points(tmp_path / "out/pair.c3d")
     assert np.allclose(written.xyz[5, written.names.index("2:LTOE")], [0.1, 0.2, 0.3], atol=1e-5)
     assert report_of(tmp_path / "out/pair.c3d")["edits"]["applied"] == {"assign": 1, "swap": 1, "place": 1}
-
-
-def test_one_where_there_are_two_is_told_how_to_have_both(label):
-    assert "--subjects" in label("--model", WORN).reason
 
 
 @pytest.mark.parametrize("sign", [*' :,*|"', "\x01", "\x7f", "\u200b", "\u202e", "\udcff", 40 * "o"])
@@ -143,18 +126,12 @@ def test_names_of_any_alphabet_are_names():
     assert all(is_subject_name(name) for name in names)
 
 
-def test_a_folder_that_is_watched_is_told_at_once(run, pair, tmp_path):
-    (tmp_path / "in").mkdir()
-    shutil.copy(pair / "pair.c3d", tmp_path / "in")
-    words = "label", tmp_path / "in", "--out", tmp_path / "out", "--watch", "--idle", "0"
-    assert "nothing says what is worn; expected --model MODEL or auto, or" in run(*words).reason
-    assert "several subjects need a model" in run(*words, "--model", WORN, "--subjects", "2", "--method", "fit").reason
-
-
 def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
     model = tmp_path / "own.markerset.json"
     shutil.copy(markerset_file(WORN), model)
-    given = label_arguments(pair / "pair.c3d", tmp_path, f"--subject=ann={WORN}", f"--subject=bob={model.name}")
+    words = f"--subject=ann={WORN}", f"--subject=bob={model.name}"
+    given = build_parser().parse_args(["label", str(pair / "pair.c3d"), f"--out={tmp_path}", *words])
+    settle_subjects(given)
     job = as_job(given, pair / "pair.c3d")
     with contextlib.chdir(tmp_path):
         (tmp_path / "parcel").write_bytes(_for_elsewhere(replace(job, own=Path("own"))))
@@ -179,15 +156,14 @@ def seen(tmp_path_factory):
 
 def test_cameras_see_several_with_all_bodies_in_the_way(run, seen, tmp_path):
     truth = (seen / "seen.csv.truth.csv").read_text()
-    assert "1:LASI" in truth
-    assert "2:LASI" in truth
+    assert "1:LASI" in truth and "2:LASI" in truth
     words = "--cameras", seen / "room.toml", "--centre", "--calibration-mm", "0.3", "--json"
     take, alone = read_points(seen / "named.c3d"), []
     for who in "12":
         one = take.picked([place for place, name in enumerate(take.names) if name.startswith(who)])
         write_c3d(tmp_path / f"{who}.c3d", one)
-        alone.append(json.loads(run("simulate", tmp_path / f"{who}.c3d", *words, "--out", tmp_path / who).out))
-    both = json.loads(run("simulate", seen / "named.c3d", *words, "--out", tmp_path / "both.csv").out)
+        alone.append(run("simulate", tmp_path / f"{who}.c3d", *words, "--out", tmp_path / who).json)
+    both = run("simulate", seen / "named.c3d", *words, "--out", tmp_path / "both.csv").json
     assert both["model"] == WORN
     assert both["markers"] == [f"{who}:{name}" for who in "12" for name in open_markerset(WORN).markers]
     shown = [one["blobs"] - one["ghosts"] + one["merged"] for one in (*alone, both)]
@@ -196,8 +172,7 @@ def test_cameras_see_several_with_all_bodies_in_the_way(run, seen, tmp_path):
 
 def test_blobs_of_two_are_named_in_every_file(run, figures, seen, tmp_path):
     words = "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE, "--out", tmp_path
-    answer = run("label", seen / "seen.csv", *words, "--subjects", "2", "--trc", "--fill", "--html", "--json")
-    assert (answer.status, answer.err) == (0, "")
+    run("label", seen / "seen.csv", *words, "--subjects", "2", "--trc", "--fill", "--html", "--json").quiet()
     truth, other = seen / "seen.csv.truth.csv", tmp_path / "other.csv"  # nothing says which of them is 1
     other.write_text(truth.read_text().replace("1:", "0:").replace("2:", "1:").replace("0:", "2:"))
     found = [figures(tmp_path / "seen.labels.csv", one) for one in (truth, other)]
@@ -225,13 +200,11 @@ def test_edits_of_blobs_land_on_who_they_were_made_of(run, seen, tmp_path):
         inside = np.array([10 <= int(row["frame"]) <= 15 for row in before])
         own, other = inside & (names[0] == "2:LKNE"), inside & (names[0] == "2:LANK")
         assert own.sum() > 10
-        assert (names[1, own] == "2:LANK").mean() > 0.95
-        assert (names[1, other] == "2:LKNE").mean() > 0.95
+        assert min((names[1, own] == "2:LANK").mean(), (names[1, other] == "2:LKNE").mean()) > 0.95
         rest = ~(own | other) & (names != "").all(axis=0)
         assert (names[1, rest] == names[0, rest]).mean() > 0.99
         report = report_of(tmp_path / str(number) / "seen.c3d")
-        assert report["method"] == "likelihood"
-        assert report["edits"]["applied"] == {"swap": 1}
+        assert report["method"] == "likelihood" and report["edits"]["applied"] == {"swap": 1}
 
 
 def test_a_file_of_two_is_filled_one_by_one(run, pair, tmp_path):
@@ -241,7 +214,7 @@ def test_a_file_of_two_is_filled_one_by_one(run, pair, tmp_path):
     xyz[10:16, place] = np.nan
     write_c3d(tmp_path / "gap.c3d", Points(take.names, xyz, take.residual[:], take.rate, take.first_frame))
     words = "fill", tmp_path / "gap.c3d", "--model", WORN, "--json", "--out"
-    found = json.loads(run(*words, tmp_path / "one.c3d", "--markers", "2:LKNE").out)
+    found = run(*words, tmp_path / "one.c3d", "--markers", "2:LKNE").json
     assert [(row["marker"], row["first"], row["last"]) for row in found["filled"]] == [("2:LKNE", 17, 22)]
     filled = read_points(tmp_path / "one.c3d").xyz[10:16, place]
     assert np.linalg.norm(filled - take.xyz[10:16, place], axis=1).max() < 0.03

@@ -89,6 +89,18 @@ def anonymous(xyz: np.ndarray, rate: float = RATE) -> Points:
     return Points(("",) * xyz.shape[1], xyz, residual, rate, 1)
 
 
+def in_pieces(markers: np.ndarray, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A trajectory (T, P, 3) for each time that a marker (T, M, 3) is there, in any order; and which each is (P,)."""
+    there = np.isfinite(markers[..., 0])
+    time = np.cumsum(np.diff(there, axis=0, prepend=False) & there, axis=0)
+    pieces = [
+        (there[:, of] & (time[:, of] == one), of) for of in range(there.shape[1]) for one in range(1, time[-1, of] + 1)
+    ]
+    tracks = np.stack([np.where(own[:, None], markers[:, of], np.nan) for own, of in pieces], axis=1)
+    order = generator.permutation(len(pieces))
+    return tracks[:, order], np.array([of for _, of in pieces])[order]
+
+
 def motion_of(markers: np.ndarray, expected: np.ndarray, first: int = 1) -> Motion:
     """A motion of markers (T, M, 3) m, and where a body that stays upright has them; nothing else of it matters."""
     count, residual = len(markers), np.where(np.isfinite(markers[..., 0]), 0.001, np.nan)

@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -39,7 +40,6 @@ except ImportError:  # Windows has no limits for a process
 
 # Whatever comes is what is looked for.
 FAULTS = (Exception, watched.TooSlowError) if watched else Exception
-COMMAND = [sys.executable, "-m", "tests.fuzz"]
 LEAN = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # threads take room by the gigabyte and never use it
 LONGEST = 2000  # letters of a sentence that people read
 AGAIN_EVERY, VERB_EVERY = 10, 100
@@ -48,13 +48,29 @@ STUCK = 60  # s for one file, after which a process that no signal reaches ends 
 
 def read_within(kind: str, path: Path) -> str:
     """What the reader of a kind says of a file, "read" or its sentence, in a process with the limits of `watched`."""
-    command, root = [*COMMAND, kind, "--read", str(path)], Path(__file__).resolve().parents[2]
+    command, root = _call(f"tell({kind!r}, {str(path)!r})"), Path(__file__).resolve().parents[2]
     done = subprocess.run(command, cwd=root, env=os.environ | LEAN, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"ended with {done.returncode}: {done.stderr[-1000:]}"
     return done.stdout.strip()
 
 
-def answer(read: Callable[[], object], path: Path) -> tuple[str | None, object]:
+def _call(function: str) -> list[str]:
+    """The command that calls a function of this module in a process of its own."""
+    return [sys.executable, "-c", f"from tests import fuzz; fuzz.{function}"]
+
+
+def tell(kind: str, path: str):
+    """Prints what the reader of a kind says of a file."""
+    watched.limit()
+    with watched.in_time():
+        try:
+            READERS[kind](Path(path))
+            print("read")
+        except InputError as error:
+            print(error)
+
+
+def answer(read: Callable[[], object]) -> tuple[str | None, object]:
     """What is wrong with how a file is read, and what was read of it.
 
     Nothing is wrong where it is None, and nothing with a file that is refused in a sentence where it is "refused".
@@ -68,15 +84,9 @@ def answer(read: Callable[[], object], path: Path) -> tuple[str | None, object]:
     except MemoryError:
         return f"takes over {watched.MEMORY_MB if watched else ''} MB", None
     except FAULTS as error:
-        ours = [one for one in _frames(error) if f"{os.sep}addon{os.sep}" in one]
+        places = [f"{at.f_code.co_filename}:{line}" for at, line in traceback.walk_tb(error.__traceback__)]
+        ours = [one for one in places if f"{os.sep}addon{os.sep}" in one]
         return f"{type(error).__name__}: {error} at {ours[-1] if ours else '?'}", None
-
-
-def _frames(error: BaseException) -> Iterator[str]:
-    trace = error.__traceback__
-    while trace is not None:
-        yield f"{trace.tb_frame.f_code.co_filename}:{trace.tb_lineno}"
-        trace = trace.tb_next
 
 
 def _sentence(error: InputError) -> str:
@@ -128,9 +138,9 @@ class Bench:
         return seen[0] if seen else said
 
     def _read(self, again: bool, verb: bool) -> str | None:
-        said, value = answer(lambda: READERS[self.kind](self.path), self.path)
+        said, value = answer(lambda: READERS[self.kind](self.path))
         if said is None and again and self.kind in USES:
-            said, _ = answer(lambda: USES[self.kind](value, self.folder / "out"), self.path)
+            said, _ = answer(lambda: USES[self.kind](value, self.folder / "out"))
             said = f"once read, it is {said}" if said else None
         if verb and said in (None, "refused"):
             said = self._verb() or said
@@ -173,7 +183,7 @@ def results(kind: str, seed: int, numbers: range) -> Iterator[tuple[int, str | N
     """What became of each case, out of processes that may die."""
     begun = True
     while numbers and begun:
-        command = [*COMMAND, kind, "--seed", str(seed), "--work", str(numbers.start), str(numbers.stop)]
+        command = _call(f"work({kind!r}, {seed}, {numbers})")
         begun, number = False, numbers.start - 1
         with subprocess.Popen(command, stdout=subprocess.PIPE, env=os.environ | LEAN) as process:
             for told in map(json.loads, process.stdout):
@@ -221,29 +231,12 @@ def _keep(kind: str, seed: int, numbers, folder: Path):
 def main(words: list[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.partition("\n")[0])
-    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"{', '.join(READERS)}; default: all")
+    said = f"{', '.join(READERS)}; default: all"
+    parser.add_argument("kinds", nargs="*", metavar="KIND", choices=list(READERS), help=said)
     parser.add_argument("--count", type=int, default=100, help="files of each kind (default 100)")
     parser.add_argument("--seed", type=int, default=0, help="of what is broken (default 0)")
     parser.add_argument("--case", type=int, help="this one only")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="write the files that are faults, or --case, here")
-    parser.add_argument("--work", nargs=2, type=int, help=argparse.SUPPRESS)
-    parser.add_argument("--read", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args(words)
-    unknown = sorted(set(arguments.kinds) - set(READERS))
-    if unknown:
-        parser.error(f"no kind {unknown[0]}; expected some of {', '.join(READERS)}")
-    kinds = arguments.kinds or list(READERS)
-    if arguments.read:
-        watched.limit()
-        with watched.in_time():
-            try:
-                READERS[kinds[0]](arguments.read)
-                print("read")
-            except InputError as error:
-                print(error)
-        return 0
-    if arguments.work:
-        work(kinds[0], arguments.seed, range(*arguments.work))
-        return 0
     numbers = range(arguments.count) if arguments.case is None else range(arguments.case, arguments.case + 1)
-    return 1 if hunt(kinds, arguments.seed, numbers, arguments.keep) else 0
+    return 1 if hunt(arguments.kinds or list(READERS), arguments.seed, numbers, arguments.keep) else 0

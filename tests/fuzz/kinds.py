@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from addon.core.data.errors import InputError
-from addon.core.data.markersets import MarkerSet
 from addon.core.edits.kinds import Edits, Place, Swap
 from addon.core.points.models import Model
 from addon.io.batch import FAILING, LABELLED, TakeRow, read_table, write_table
@@ -145,16 +144,14 @@ def _written_again(write: Callable, read: Callable, name: str) -> Callable[[obje
     return again
 
 
-def _write_bare(path: Path, markerset: MarkerSet):
-    write_model(path, Model(markerset))
-
-
 _MODEL_AGAIN = _written_again(write_model, read_model, "again.markerset.json")
 # What was read is written and read again: what a writer refuses, the reader should have.
 USES: dict[str, Callable[[object, Path], None]] = {
     **dict.fromkeys(CALIBRATIONS, _cameras_again),
     **dict.fromkeys((*POINTS, "qtm"), _points_again),
-    "markerset": _written_again(_write_bare, read_markerset, "again.markerset.json"),
+    "markerset": _written_again(
+        lambda path, bare: write_model(path, Model(bare)), read_markerset, "again.markerset.json"
+    ),
     "model": _MODEL_AGAIN,
     "history": _MODEL_AGAIN,
     "edits": _written_again(write_edits, read_edits, "again.edits.json"),

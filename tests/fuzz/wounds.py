@@ -196,11 +196,6 @@ def _sound_parts() -> dict[str, bytes]:
     return streams(capture())
 
 
-@cache
-def _unpacked(name: str) -> bytes:
-    return unpacked_series(_sound_parts()[name], _sound_parts()[f"{name}Index"])
-
-
 def _other_parts(chance: random.Random) -> bytes:
     """A capture with broken parts, some of them before they were packed, or a broken container around them."""
     parts = dict(_sound_parts())
@@ -208,7 +203,7 @@ def _other_parts(chance: random.Random) -> bytes:
         name = chance.choice(sorted(parts))
         index, way = f"{name}Index", chance.random()
         if index in parts and way < 0.4:
-            content = _unpacked(name)
+            content = unpacked_series(_sound_parts()[name], _sound_parts()[index])
             changed = bytearray(mutated(content, chance) if chance.random() < 0.5 else content)
             _place_word(changed, chance)
             parts[name], parts[index] = packed_series(bytes(changed))

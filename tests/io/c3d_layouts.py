@@ -1,14 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""C3D files in every layout that the format allows, written here word by word, and what must be read of them."""
+"""C3D files in every layout that the format allows, written here word by word, and what must be read of them.
+
+Files are read as whole tables, every column with all of its frames: what lanes are compared with.
+"""
 
 import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+
+from addon.io.c3d.reading import open_c3d
+from addon.io.samples import Samples
 
 BLOCK = 512
 INTEL, DEC, MIPS = 84, 85, 86
 SCALE = 0.05
+
+
+def dense(frames: int, count: int, parts: Iterable[Samples]) -> tuple[np.ndarray, np.ndarray]:
+    """(T, P, 3) and (T, P), NaN where missing."""
+    xyz, residual = np.full((frames, count, 3), np.nan), np.full((frames, count), np.nan)
+    for part in parts:
+        xyz[part.frame, part.column], residual[part.frame, part.column] = part.xyz, part.residual
+    return xyz, residual
+
+
+def read_c3d(path: Path, rate: float | None = None) -> SimpleNamespace:
+    """What a C3D file says of its points, with `xyz` (T, P, 3) and `residual` (T, P) in the file's units."""
+    with open_c3d(path, rate, everything=True) as head:
+        xyz, residual = dense(head.frames, head.count, head.parts())
+        return SimpleNamespace(**vars(head), xyz=xyz * head.scale[0], residual=residual * head.scale[1])
 
 
 @dataclass(frozen=True)
@@ -29,7 +53,6 @@ class Layout:
     said_frames: int | None = None
     said_points: int | None = None
     up: str = "+Z"
-    cut: int = 0  # bytes that the file lacks at its end, its padding besides
     padded: bool = True
     turns: int = 0  # rotations in a frame, behind the points, with the ratio 2
     lab: bool = False  # whether there is what a laboratory adds: plates, events, an angle as the last of the points
@@ -41,9 +64,8 @@ class Layout:
     def take(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (T, P, 3) mm and fourth words (T, P): residual in the low byte, cameras in the high one."""
         rng = np.random.default_rng(self.frames + self.points)
-        xyz = (
-            np.round(rng.uniform(-1500, 1500, (self.frames, self.points, 3)) / SCALE) * SCALE + 0.0
-        )  # no DEC has a zero below zero
+        xyz = np.round(rng.uniform(-1500, 1500, (self.frames, self.points, 3)) / SCALE) * SCALE
+        xyz += 0.0  # no DEC has a zero below zero
         word = rng.integers(0, 128, xyz.shape[:2]) * 256 + rng.integers(0, 256, xyz.shape[:2])
         word[1::3, 0] = -1
         return xyz, word
@@ -65,8 +87,7 @@ class Layout:
         if self.turns:
             data += self.reals(np.arange(34 * self.turns * self.frames) / 8)
             data += bytes(-len(data) % BLOCK)
-        whole = self._header(2 + blocks) + head + section[4:] + data
-        return whole[: len(whole) - self.cut]
+        return self._header(2 + blocks) + head + section[4:] + data
 
     def _header(self, start: int) -> bytes:
         last = self.first + self.frames - 1
@@ -89,10 +110,8 @@ class Layout:
 
     def reals(self, values) -> bytes:
         values = np.asarray(values, dtype=np.float32)
-        if self.processor == INTEL:
-            return values.astype("<f4").tobytes()
-        if self.processor == MIPS:
-            return values.astype(">f4").tobytes()
+        if self.processor != DEC:
+            return values.astype(f"{self.order}f4").tobytes()
         return (values * np.float32(4)).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
 
     def _data(self, xyz, word) -> bytes:

@@ -58,8 +58,7 @@ def streams(recording: Recording) -> dict[str, bytes]:
     """The parts of the file by their paths."""
     schema = _Schema()
     found, series = {"Measurement NBC/Metadata": schema.metadata()}, {}
-    tree = schema.root(recording, series)
-    found["Measurement NBC/Data Items"] = tree
+    found["Measurement NBC/Data Items"] = schema.root(recording, series)
     for number, content in series.items():
         packed, index = packed_series(content)
         found[f"Measurement NBC/Data series/{number}"] = packed
@@ -89,25 +88,19 @@ class _Schema:
 
     def __init__(self):
         self.fields: list[list] = []
-        self.numbers = {
-            name: self.add(name, kind)
-            for name, kind in (
-                ("Series Compression", 11), ("TimeBaseFrequency", REAL), ("Series ID", WORD), ("Trajectory Label", 21),
-                ("Trajectory Type", 13),
-            )
-        }  # fmt: skip
+        kinds = {"Series Compression": 11, "TimeBaseFrequency": REAL, "Series ID": WORD, "Trajectory Label": 21}
+        self.numbers = {name: self.add(name, kind) for name, kind in (kinds | {"Trajectory Type": 13}).items()}
         cell = self.parts(
             [("X", INT), ("Y", INT), ("Diameter X", WORD16), ("Diameter Y", WORD16), ("Flags", FLAGS)],
             {"Flags": ("Marker was MMO corrected", "Touching boundaries", "Discarded by size test")},
         )
         row = self.add("Marker", PARTS, cell)
-        self.frame = self.add("2d Frame", PARTS, self.parts([("Timestamp", LONG), ("Flags", FLAGS), ("Markers", ROW)]))
-        self.fields[self.fields[self.frame - 1][2] + 1][2] = row
+        frame = self.add("2d Frame", PARTS, self.parts([("Timestamp", LONG), ("Flags", FLAGS), ("Markers", ROW)]))
+        self.fields[self.fields[frame - 1][2] + 1][2] = row
         names = [(name, REAL) for name in ("X", "Y", "Z", "Residual")] + [("Point Type", FLAGS), ("Padding", WORD)]
-        point = self.parts(names, {"Point Type": tuple(f"Point Type {name}" for name in POINT_TYPES)})
-        self.point = self.add("3d Data Point", PARTS, point)
-        self.kinds = [("Measurement", 0), ("2dData", 0), ("2dCameraData", self.frame), ("Trajectories", 0)]
-        self.kinds.append(("Trajectory", self.point))
+        parts = self.parts(names, {"Point Type": tuple(f"Point Type {name}" for name in POINT_TYPES)})
+        point = self.add("3d Data Point", PARTS, parts)
+        self.kinds = {"Measurement": 0, "2dData": 0, "2dCameraData": frame, "Trajectories": 0, "Trajectory": point}
 
     def add(self, name: str, kind: int, first: int = 0) -> int:
         self.fields.append([name, kind, first, 0])
@@ -125,7 +118,7 @@ class _Schema:
 
     def metadata(self) -> bytes:
         content = struct.pack("<II", len(self.kinds), 196)
-        for name, number in self.kinds:
+        for name, number in self.kinds.items():
             content += _text(name) + _text(name, 2) + struct.pack("<I", number)
         content += struct.pack("<II", len(self.fields), 276)
         for name, kind, first, following in self.fields:
@@ -160,7 +153,7 @@ class _Schema:
         return self.item("", packing, [], within)
 
     def item(self, kind: str, fields, ranges, within=()) -> bytes:
-        names = [name for name, _ in self.kinds]
+        names = list(self.kinds)
         content = struct.pack("<II", names.index(kind) + 1, 7) if kind else b""
         content += struct.pack("<I", len(fields))
         for name, value in fields:
@@ -232,7 +225,7 @@ class _Compound:
         self.entries: list[list] = [["Root Entry", 5, FREE, FREE, FREE, END, 0]]
 
     def whole(self, tree: dict) -> bytes:
-        self.entries[0][4] = self.branch(tree, _sorted(tree))
+        self.entries[0][4] = self.folder(tree)
         self.entries[0][5], self.entries[0][6] = self.put(bytes(self.small)), len(self.small)
         table = np.array(self.small_chain, "<u4").tobytes()
         small_start = self.put(table.ljust(-(-len(table) // self.sector) * self.sector, b"\xff"))
@@ -249,11 +242,8 @@ class _Compound:
         head += struct.pack("<III", large * -(-len(directory) // self.sector), tables, directory_start)
         head += struct.pack("<IIIIII", 0, CUTOFF, small_start, -(-len(table) // self.sector), END, 0)
         chain = np.array(self.chain + [TABLE] * tables, "<u4").tobytes()
-        return (
-            (head + where.tobytes()).ljust(self.sector, b"\0")
-            + bytes(self.body)
-            + chain.ljust(tables * self.sector, b"\xff")
-        )
+        head = (head + where.tobytes()).ljust(self.sector, b"\0")
+        return head + bytes(self.body) + chain.ljust(tables * self.sector, b"\xff")
 
     def put(self, content: bytes) -> int:
         return _chained(content, self.sector, self.body, self.chain) if content else END
@@ -263,26 +253,23 @@ class _Compound:
             return self.put(content)
         return _chained(content, SMALL, self.small, self.small_chain)
 
-    def branch(self, children: dict, some: list[str]) -> int:
+    def folder(self, children: dict) -> int:
         """Entries of a folder as a balanced tree; the number of its root."""
+        return self.branch(children, sorted(children, key=lambda name: (len(name), name.upper())))
+
+    def branch(self, children: dict, some: list[str]) -> int:
         if not some:
             return FREE
-        middle = len(some) // 2
+        middle, number = len(some) // 2, len(self.entries)
         own = children[some[middle]]
-        folder = isinstance(own, dict)
-        entry = [some[middle], 1 if folder else 2, FREE, FREE, FREE, END, 0]
+        entry = [some[middle], 1 if isinstance(own, dict) else 2, FREE, FREE, FREE, END, 0]
         self.entries.append(entry)
-        number = len(self.entries) - 1
-        if folder:
-            entry[4] = self.branch(own, _sorted(own))
+        if isinstance(own, dict):
+            entry[4] = self.folder(own)
         else:
             entry[5], entry[6] = self.place(own), len(own)
         entry[2], entry[3] = self.branch(children, some[:middle]), self.branch(children, some[middle + 1 :])
         return number
-
-
-def _sorted(children: dict) -> list[str]:
-    return sorted(children, key=lambda name: (len(name), name.upper()))
 
 
 def _chained(content: bytes, size: int, body: bytearray, chain: list[int]) -> int:

@@ -245,20 +245,17 @@ def write_all(folder: Path) -> dict[str, Path]:
         "tsv": "take.tsv",
     }  # fmt: skip
     files = {kind: folder / name for kind, name in names.items()}
+    texts = {
+        "xcp": xcp(cameras), "qca": qca(cameras), "mcal": mcal(cameras), "yml": yml(cameras), "blobs": BLOBS,
+        "labels": "frame,camera,x,y,marker,step,confidence\n1,a,2,3,LASI|RASI,exclusive,0.5\n1,a,2,4,,,0\n",
+        "dec": Layout(processor=DEC).content(), "mips": Layout(processor=MIPS).content(),
+        "motive": motive(), "tsv": tsv(),
+    }  # fmt: skip
+    for kind, text in texts.items():
+        files[kind].write_bytes(text if isinstance(text, bytes) else text.encode())
     write_cameras(files["toml"], cameras)
-    files["xcp"].write_text(xcp(cameras))
-    files["qca"].write_text(qca(cameras))
-    files["mcal"].write_bytes(mcal(cameras))
-    files["yml"].write_text(yml(cameras))
     write_selfcal(folder / "selfcal", cameras)
-    files["blobs"].write_text(BLOBS)
-    head = "frame,camera,x,y,marker,step,confidence\n"
-    files["labels"].write_text(head + "1,a,2,3,LASI|RASI,exclusive,0.5\n1,a,2,4,,,0\n")
     write_c3d(files["c3d"], take)
-    files["dec"].write_bytes(Layout(processor=DEC).content())
-    files["mips"].write_bytes(Layout(processor=MIPS).content())
     write_trc(files["trc"], take)
-    files["motive"].write_text(motive())
-    files["tsv"].write_text(tsv())
     write_qtm(files["qtm"], capture())
     return files

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.data.errors import InputError
 from addon.io.arrivals import Arrivals
 from addon.io.batch import TABLE_COLUMNS, TAKE_STATES, TakeRow, is_table, read_table, row_of, worst_first, write_table
+from tests.io.checks import refused
 from tests.io.samples import tsv
 
 
@@ -149,7 +149,9 @@ def test_a_row_says_what_the_report_says_and_the_worst_take_comes_first():
     assert worst_first([labelled, *others, less, worse]) == [others[2], worse, less, labelled, others[1], others[0]]
 
 
-names = st.text(st.characters(exclude_categories=(), exclude_characters="\0/"), min_size=1, max_size=12)
+letters = st.text(st.characters(codec="utf-8", exclude_characters="\0/"), min_size=1, max_size=12)
+# The names of files may have bytes that are no letters.
+names = letters | st.binary(min_size=1, max_size=12).map(lambda name: name.decode("utf-8", "surrogateescape"))
 numbers = st.floats(0, 1e6)
 count = st.integers(0, 99)
 figures = count, numbers, st.none() | numbers, count, numbers, count, count, numbers
@@ -157,17 +159,8 @@ measured = st.builds(TakeRow, names, names, st.sampled_from(("labelled", "done b
 others = st.builds(TakeRow, names, names, st.sampled_from(TAKE_STATES), reason=names)
 
 
-def whole(text: str) -> bool:
-    """Whether bytes that are no letters come back, as the names of files have them."""
-    try:
-        return text.encode("utf-8", "surrogateescape").decode("utf-8", "surrogateescape") == text
-    except UnicodeEncodeError:
-        return False
-
-
 @given(st.lists(measured | others.filter(lambda row: not row.measured), max_size=4))
 def test_a_table_comes_back(tmp_path_factory, rows):
-    rows = [row for row in rows if all(whole(text) for text in (row.take, row.source, row.reason, row.page))]
     path = tmp_path_factory.getbasetemp() / "summary.csv"
     write_table(path, rows)
     assert is_table(path)
@@ -197,12 +190,10 @@ def test_what_is_no_table_is_refused(tmp_path):
     for text in ("", "take,state\n", "frame,camera,x,y\n"):
         path.write_text(text)
         assert not is_table(path)
-        with pytest.raises(InputError, match="is no table of a batch; expected"):
-            read_table(path)
+        refused("is no table of a batch; expected", read_table, path)
     write_table(path, [TakeRow("a", "a.c3d", "labelled")])
     for damaged in (b'"', b"a,b,c,no number\n", b"x," * 30 + b"\n"):
         path.write_bytes(path.read_bytes() + damaged)
-        with pytest.raises(InputError, match="is damaged; expected the table of a batch"):
-            read_table(path)
+        refused("is damaged; expected the table of a batch", read_table, path)
         path.write_bytes(path.read_bytes().removesuffix(damaged))
     assert not is_table(tmp_path / "none.csv")

@@ -2,7 +2,6 @@
 """Whatever a file holds, a reader gives its content or one InputError, in at most 5 s and 1 GB."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -12,12 +11,11 @@ from pathlib import Path
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.points.models import Model
 from addon.io.cameras import read_cameras
-from addon.io.models import write_model
-from tests import fuzz
+from addon.io.markersets import document_of
 from tests.core.toybody import toy_markerset
 from tests.fuzz import READERS, read_within, samples
+from tests.io.checks import refused
 from tests.io.samples import ring, yml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,57 +60,6 @@ def test_the_command_finds_no_fault_in_any_reader():
     assert done.returncode == 0, done.stdout + done.stderr
     told = re.findall(r"^(\w+): 15 files, \d+ refused, \d+ read, 0 faults", done.stdout, re.MULTILINE)
     assert told == list(READERS)
-
-
-PLANTED = """
-import os, signal, sys, time, warnings
-import tests.fuzz as fuzz, tests.fuzz.watched as watched
-def blocked():
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM, signal.SIGPROF})
-    time.sleep(600)
-def slow():
-    try:
-        while True:
-            pass
-    except OSError:
-        pass
-def reader(path):
-    content = path.read_text()
-    if content.startswith('do '):
-        exec(content[3:])
-ways = WAYS
-watched.SECONDS, fuzz.STUCK = 0.5, 8
-fuzz.READERS['blobs'] = reader
-fuzz.case = lambda kind, contents, seed, number: b'do ' + ways[number].encode()
-fuzz.VERB_EVERY, fuzz.cli.main = len(ways), lambda words: 1
-fuzz.main(sys.argv[1:])
-"""
-MISCHIEF = [
-    ("pass", ""),
-    ("os._exit(9)", "the process ended with 9"),
-    ("slow()", "TooSlowError: takes over 0.5 s"),
-    ("bytes(3 << 30)", "takes over 1024 MB"),
-    ("open(path.parent / 'beside', 'w').close()", "leaves something beside"),
-    ("open(os.path.join(os.environ['TMPDIR'], 'rest'), 'w').close()", "leaves ['rest']"),
-    ("warnings.warn('odd')", "UserWarning: odd"),
-    ("open(path)", "cannot be raised: ResourceWarning"),
-    ("blocked()", "the process ended with 1"),
-    ("raise fuzz.InputError('is odd', 'a.csv')", "is no sentence of what is wrong"),
-    ("raise fuzz.InputError('is odd; expected an even one')", "names no file"),
-    ("raise KeyError('x')", "KeyError: 'x'"),
-    ("pass", "verb: status 1, and says []"),
-]
-
-
-@limited
-def test_readers_that_do_what_none_may_are_told_and_the_rest_goes_on(monkeypatch, tmp_path):
-    planted = tmp_path / "planted.py"
-    planted.write_text(PLANTED.replace("WAYS", repr([way for way, _ in MISCHIEF])))
-    monkeypatch.setattr(fuzz, "COMMAND", [sys.executable, str(planted)])
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])))
-    answers = dict(fuzz.results("blobs", 0, range(len(MISCHIEF))))
-    for number, (way, said) in enumerate(MISCHIEF):
-        assert said in (answers[number] or "") and bool(said) == (answers[number] is not None), way
 
 
 MEGA = 1 << 20
@@ -194,20 +141,10 @@ def test_dots_that_are_no_keys_points_beside_the_cameras_and_comments_are_welcom
     )
     assert read_cameras(path).names == ("a." * 60,)
     path.write_text(path.read_text() + "more = 1\na.b.c.d.e.f.g.h.i = 1\n")
-    with pytest.raises(InputError, match="more than 8 parts") as caught:
-        read_cameras(path)
-    assert caught.value.line == path.read_text().count("\n")
+    refused("more than 8 parts", read_cameras, path, line=path.read_text().count("\n"))
     path = tmp_path / "a.yml"
     path.write_text(yml(ring()) + "points: [" + "1.25, " * 100_000 + "2] \nlast: 3   # a comment\n")
     assert read_cameras(path).names == ring().names
-
-
-def markerset(path, change) -> None:
-    """The toy marker set's file after `change` to its document."""
-    write_model(path, Model(toy_markerset()))
-    document = json.loads(path.read_text())
-    change(document)
-    path.write_text(json.dumps(document, ensure_ascii=False), encoding="utf-8")
 
 
 def rows(count: int, row: dict) -> list[dict]:
@@ -232,8 +169,8 @@ CHANGES = {
 def test_great_marker_sets_and_models(tmp_path, what):
     """A model is read as its marker set is, and then the rest of it."""
     change, said = CHANGES[what]
-    path = tmp_path / "great.markerset.json"
-    markerset(path, lambda document: document.update(change(document)))
+    path, document = tmp_path / "great.markerset.json", document_of(toy_markerset())
+    path.write_text(json.dumps(document | change(document), ensure_ascii=False), encoding="utf-8")
     assert said in read_within("model", path)
 
 

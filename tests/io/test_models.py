@@ -3,7 +3,6 @@
 
 import base64
 import json
-import tracemalloc
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from addon.io.markersets import Reader, read_markerset
 from addon.io.model_history import HISTORY, beside, is_beside, model_of, moved, seen_at, seen_from
 from addon.io.models import likelihood_document, open_model, read_likelihood, read_model, write_model
 from tests.core.toybody import toy_markerset
+from tests.io.checks import assert_alike, memory_within, refused
 from tests.io.samples import HISTORY_OF_TWO, SHOWN, WALK, toy_model
 
 
@@ -29,19 +29,10 @@ def toy_file(folder) -> tuple[Path, dict]:
 
 
 def test_models_come_back(tmp_path):
-    model, path = toy_model(), tmp_path / "toy.markerset.json"
-    write_model(path, model)
+    model, (path, _) = toy_model(), toy_file(tmp_path)
     found = read_model(path)
-    assert found.markerset.markers == read_markerset(path).markers == model.markerset.markers
-    [solver], [wanted] = found.partial_solvers.solvers, model.partial_solvers.solvers
-    np.testing.assert_array_equal(solver.reached, wanted.reached)
-    np.testing.assert_array_equal(solver.record.rates, wanted.record.rates)
-    np.testing.assert_array_equal(found.partial_solvers.classifiers.high, model.partial_solvers.classifiers.high)
-    solvers = found.partial_solvers
-    assert (solvers.search, solvers.seed, solvers.frames) == ("top-down", 3, 17)
-    [training_takes] = found.training_takes
-    assert (training_takes.subject, training_takes.takes, training_takes.frames) == ("Ann", ("walk ü", "run"), 900)
-    np.testing.assert_array_equal(training_takes.points, model.training_takes[0].points)
+    assert read_markerset(path).markers == model.markerset.markers
+    assert_alike(replace(found, fingerprint=""), model)
     write_model(tmp_path / "again.markerset.json", found)
     assert (tmp_path / "again.markerset.json").read_bytes() == path.read_bytes()
 
@@ -50,25 +41,22 @@ def test_a_marker_set_is_a_model_without_them():
     model = open_model("gait15")
     assert len(model.markerset) == 15
     assert model.likelihood.markers == model.markerset.markers, "as it was written when it was called evidence"
-    with pytest.raises(InputError, match="there is no marker set"):
-        open_model("nothing")
+    refused("there is no marker set", open_model, "nothing")
+
+
+WOUNDS = {"value": lambda packed: packed | {"data": packed["data"][::-1].swapcase()}, "kind": lambda _: "five"}
 
 
 @pytest.mark.parametrize("part", ["ensemble", "training_takes"])
 @pytest.mark.parametrize("wound", ["value", "missing", "kind"])
 def test_what_is_damaged_is_said(tmp_path, part, wound):
     path, document = toy_file(tmp_path)
-    place = document[part] if part == "ensemble" else document[part][0]
-    field = "targets" if part == "ensemble" else "points"
-    if wound == "value":
-        place[field]["data"] = place[field]["data"][::-1].swapcase()
-    elif wound == "missing":
-        del place[field]
-    else:
-        place[field] = "five"
+    place, field = (document[part], "targets") if part == "ensemble" else (document[part][0], "points")
+    sound = place.pop(field)
+    if wound != "missing":
+        place[field] = WOUNDS[wound](sound)
     path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match=f"damaged {part}"):
-        read_model(path)
+    refused(f"damaged {part}", read_model, path)
 
 
 def test_an_ensemble_of_other_markers_is_refused(tmp_path):
@@ -77,8 +65,7 @@ def test_an_ensemble_of_other_markers_is_refused(tmp_path):
     for mode in document["modes"]:
         mode["markers"]["OTHER"] = mode["markers"].pop(toy_markerset().markers[0])
     path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match="other markers than its own"):
-        read_model(path)
+    refused("other markers than its own", read_model, path)
 
 
 def test_arrays_that_say_that_they_are_huge_are_not_unpacked(tmp_path):
@@ -87,11 +74,8 @@ def test_arrays_that_say_that_they_are_huge_are_not_unpacked(tmp_path):
     points = {"kind": "f4", "shape": [12_500_000], "data": zeros}
     document["training_takes"] = [{**document["training_takes"][0], "points": points}] * 20
     path.write_text(json.dumps(document))
-    tracemalloc.start()
-    with pytest.raises(InputError, match="over 256 MB of training takes"):
+    with memory_within(100e6), pytest.raises(InputError, match="over 256 MB of training takes"):
         read_model(path)
-    assert tracemalloc.get_traced_memory()[1] < 100e6
-    tracemalloc.stop()
 
 
 NAMES = tuple("abcdefgh")
@@ -132,8 +116,7 @@ def test_reading_and_writing_again_changes_nothing(rigid):
 def test_a_part_that_is_not_as_expected_is_named(key, value):
     document = likelihood_document(learned(True))
     document[key] = value
-    with pytest.raises(InputError, match=key):
-        read_likelihood(Reader("model"), document, NAMES)
+    refused(key, read_likelihood, Reader("model"), document, NAMES)
 
 
 @pytest.fixture
@@ -201,8 +184,7 @@ def test_a_history_that_is_damaged_is_said(path, wound):
     document = json.loads(path.read_text(encoding="utf-8"))
     document["history"] = document["history"] | wound if wound else wound
     path.write_text(json.dumps(document), encoding="utf-8")
-    with pytest.raises(InputError, match=r"toy\.markerset\.json: has a damaged history; expected"):
-        read_model(path)
+    refused(r"toy\.markerset\.json: has a damaged history; expected", read_model, path)
 
 
 def test_paths_are_seen_from_the_model_and_follow_it(tmp_path):

@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from addon.core.data.errors import InputError, JobError
+from addon.core.data.errors import JobError
 from addon.core.data.takes import Motion
 from addon.io import poses as pose_files
 from addon.io.poses import PC2_HEADER, PoseFile, cache_mark, check_cache, write_cache
 from addon.io.tables import FileTable, Room
+from tests.io.checks import refused
 
 MARKERS, JOINTS = 4, 3
 
@@ -71,16 +72,6 @@ def known():
     return frames
 
 
-def expected(known, absent):
-    """The same with straight lines, column by column."""
-    flat, rest = known.reshape(FRAMES, -1).astype(np.float32).astype(float), absent.ravel()
-    for column in range(flat.shape[1]):
-        there = np.isfinite(flat[:, column])
-        at = np.arange(FRAMES)
-        flat[:, column] = np.interp(at, at[there], flat[there, column]) if there.any() else rest[column]
-    return flat.reshape(known.shape)
-
-
 @pytest.mark.parametrize("part", [1, 3, 7, 64])
 def test_gaps_are_straight_lines_whatever_the_parts(tmp_path, monkeypatch, known, part):
     monkeypatch.setattr(pose_files, "PART_BYTES", part * 12 * VERTICES)
@@ -89,9 +80,12 @@ def test_gaps_are_straight_lines_whatever_the_parts(tmp_path, monkeypatch, known
     data = path.read_bytes()
     assert PC2_HEADER.unpack(data[: PC2_HEADER.size]) == (b"POINTCACHE2\0", 1, VERTICES, 0.0, 1.0, FRAMES)
     found = np.frombuffer(data[PC2_HEADER.size :], "<f4").reshape(known.shape)
-    np.testing.assert_allclose(found, expected(known, absent), rtol=1e-6)
-    there = np.isfinite(known)
+    there, at = np.isfinite(known), np.arange(FRAMES)
     np.testing.assert_array_equal(found[there], known[there].astype(np.float32))
+    for column in np.ndindex(VERTICES, 3):
+        seen, values = there[:, *column], known[:, *column]
+        lines = np.interp(at, at[seen], values[seen]) if seen.any() else absent[column]
+        np.testing.assert_allclose(found[:, *column], lines, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -110,8 +104,7 @@ def test_another_file_is_told(tmp_path, known, spoil, words):
     mark = cache_mark(path)
     check_cache(path, mark)
     spoil(path)
-    with pytest.raises(InputError, match=re.escape(words)):
-        check_cache(path, mark)
+    refused(re.escape(words), check_cache, path, mark)
 
 
 SHAPE = 7, 3, 2

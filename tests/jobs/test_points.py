@@ -1,50 +1,47 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of points from file to files with a naming that is known; edits of blobs; trajectories on disk."""
+"""A take of points from file to files with a naming that is known; trajectories on disk."""
 
 import csv
 import json
 import re
 import tracemalloc
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import ezc3d
 import numpy as np
 import pytest
 
-from addon.capturing import truth_path
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points
-from addon.core.edits.applying import apply_edits, cells_of_blobs
-from addon.core.edits.kinds import AssignBlob, Edits
+from addon.core.edits.kinds import Edits, Right
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take import pipeline
 from addon.core.reconstruction.trajectories import Reconstructed
-from addon.demo.take import MODEL
-from addon.io.cameras import read_cameras
 from addon.io.markersets import AUTO_MODEL, open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file, rebuild
 from addon.jobs import live as live_file
 from addon.jobs.rebuild import TrajectoryFile
-from scripts.virtual_take import write_virtual_take
 
 FRAMES = 60
-OUTPUTS = 3  # points before the markers that a model computed
+COMPUTED = ("LHJC", "RHJC", "CentreOfMass")  # points before the markers that a model computed
+OUTPUTS = len(COMPUTED)
+
+
+def write_source(path, xyz):
+    """Writes points without names behind three joint angles."""
+    xyz = np.concatenate([np.full((FRAMES, OUTPUTS, 3), 0.3), xyz], axis=1)
+    names = (*COMPUTED, *[""] * (xyz.shape[1] - OUTPUTS))
+    write_c3d(path, Points(names, xyz, np.full(xyz.shape[:2], 0.0015), 100.0, 11))
 
 
 @pytest.fixture
 def source(tmp_path):
-    """A C3D file of somebody who stands there in gait15 behind three joint angles, and a ghost at the end."""
-    markerset = open_markerset("gait15")
-    model = BodyModel(markerset)
-    markers = model.pose(model.rest(FRAMES, 1.7)).markers
-    ghost = np.tile([1.0, 1.0, 1.0], (FRAMES, 1, 1))
-    xyz = np.concatenate([np.zeros((FRAMES, OUTPUTS, 3)) + 0.3, markers, ghost], axis=1)
-    names = ("LHJC", "RHJC", "CentreOfMass", *[""] * 16)
-    path = tmp_path / "walk.c3d"
-    write_c3d(path, Points(names, xyz, np.full(xyz.shape[:2], 0.0015), 100.0, 11))
+    """A C3D file of somebody who stands there in gait15, and a ghost at the end."""
+    model, path = BodyModel(open_markerset("gait15")), tmp_path / "walk.c3d"
+    write_source(path, np.concatenate([model.pose(model.rest(FRAMES, 1.7)).markers, np.ones((FRAMES, 1, 3))], axis=1))
     assert read_points(path).columns.tolist() == list(range(OUTPUTS, 19))
     return path
 
@@ -92,42 +89,33 @@ def of_two_minds(monkeypatch):
     use(monkeypatch, Known(said, 0.9999))
 
 
-def label(source, **more):
-    for _ in label_file(LabelJob(source, None, "gait15", source.parent / "out", **more)):
-        pass
-    return source.parent / "out"
+def label(source, **more) -> dict:
+    """Labels the take into `out` beside it, and gives the report."""
+    job = LabelJob(source, None, "gait15", source.parent / "out", **more)
+    finished(label_file(job))
+    return json.loads(job.path(".report.json").read_text())
 
 
 def test_suspects_call_a_trajectory_as_the_labels_do(source, of_two_minds):
-    take = read_points(source)
-    xyz = take.xyz.copy()
+    xyz = read_points(source).xyz.copy()
     xyz[FRAMES // 2 :, :2] = xyz[FRAMES // 2 :, 1::-1]
-    full = np.concatenate([np.zeros((FRAMES, OUTPUTS, 3)) + 0.3, xyz], axis=1)
-    names = ("LHJC", "RHJC", "CentreOfMass", *[""] * 16)
-    write_c3d(source, Points(names, full, np.full(full.shape[:2], 0.0015), 100.0, 11))
-    out = label(source)
-    report = json.loads((out / "walk.report.json").read_text())
-    said = [row["reason"] for row in report["suspect"] if "behind a gap or a leap" in row["reason"]]
+    write_source(source, xyz)
+    said = [row["reason"] for row in label(source)["suspect"] if "behind a gap or a leap" in row["reason"]]
     assert {int(number) for reason in said for number in re.findall(r"trajectory (\d+)", reason)} == {3, 4}
-    with (out / "walk.labels.csv").open(newline="") as file:
+    with (source.parent / "out" / "walk.labels.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["point"] for row in rows} == {str(number) for number in range(3, 19)}
     assert {row["marker"] for row in rows if row["point"] == "3"} == {"SACR", "RASI"}
-    labels = ezc3d.c3d(str(source))["parameters"]["POINT"]["LABELS"]["value"]
-    assert labels[:3] == ["LHJC", "RHJC", "CentreOfMass"]
-
-
-@pytest.fixture
-def fairly_sure(monkeypatch):
-    """A naming that is right in every frame, and no surer than one in two thousand."""
-
-    use(monkeypatch, Known(right, 0.9995))
+    assert ezc3d.c3d(str(source))["parameters"]["POINT"]["LABELS"]["value"][:3] == list(COMPUTED)
 
 
 @pytest.mark.parametrize(("target", "named"), [(0.999, 15 * 15), (1 - 1e-15, 0)])
-def test_a_strict_target_leaves_names_out_and_refuses_no_take(source, fairly_sure, target, named):
-    report = json.loads((label(source, frames=(11, 25), target=target) / "walk.report.json").read_text())
+def test_a_strict_target_leaves_names_out_and_refuses_no_take(source, monkeypatch, target, named):
+    """A naming that is right in every frame, and no surer than one in two thousand."""
+    use(monkeypatch, Known(right, 0.9995))
+    report = label(source, frames=(11, 25), target=target, edits=Edits((Right("SACR"),)))
     assert report["points"] - report["unlabelled"] == named
+    assert [row["file"] for row in report["provenance"]["edits"]] == [""], "they are in no file"
 
 
 def test_a_set_that_is_saved_while_a_take_is_labelled_is_no_part_of_that(source, monkeypatch):
@@ -143,78 +131,30 @@ def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_
     monkeypatch.setattr("addon.core.posing.posing.BATCH_FRAMES", 5)
     told = list(label_file(LabelJob(source, None, "gait15", source.parent / "out")))
     shares = [one.fraction for one in told]
-    assert shares == sorted(shares)
-    assert shares[0] == 0 and shares[-1] < 1
+    assert shares == sorted(shares) and shares[0] == 0 and shares[-1] < 1
     posing = [one.fraction for one in told if one.note == "pose the body"]
     assert len(set(posing)) > 10
     assert max(np.diff(sorted(set(posing)))) < 0.1
     assert max(posing) - min(posing) > 0.15, "it takes as long as naming, or half of that"
 
 
-def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(source, tmp_path, monkeypatch):
+def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(source, monkeypatch):
     lost = right(FRAMES)
     lost[:, 6] = NO_MARKER
 
     def labelled(said) -> dict:
         monkeypatch.setattr(pipeline, "namer_of", lambda *_: Known(said, 0.9999))
-        job = LabelJob(source, None, "gait15", tmp_path / "out", method="ensemble", overwrite=True)
-        for _ in label_file(job):
-            pass
-        return json.loads(job.path(".report.json").read_text())
+        return label(source, method="ensemble", overwrite=True)
 
-    (tmp_path / "out").mkdir()
     first = labelled(lambda frames: lost[:frames])
-    names = open_markerset("gait15").markers
-    worst = first["trouble"][0]
+    name, worst = open_markerset("gait15").markers[6], first["trouble"][0]
     assert "changed" not in first
-    assert (worst["kind"], worst["markers"], worst["stake"]) == ("missing", [names[6]], FRAMES)
+    assert (worst["kind"], worst["markers"], worst["stake"]) == ("missing", [name], FRAMES)
     assert first["to_look_at"].endswith(f"worst: {worst['reason']}")
     again = labelled(right)
     assert not any(one["kind"] == "missing" for one in again["trouble"])
     said = [(one["marker"], one["what"], one["first"], one["last"]) for one in again["changed"]]
-    assert said == [(names[6], "gained", 11, 70)]
-    assert again["changed_in_all"] == "60 labels more"
-
-
-SHOT = (100, 199)
-PART = (100, 140)
-
-
-@pytest.fixture(scope="module")
-def capture(tmp_path_factory):
-    """Blobs of a virtual person, the cameras, and the truth of a part."""
-    folder = tmp_path_factory.mktemp("walk")
-    write_virtual_take(folder, SHOT[1], SHOT[0], "walk.csv", "room.toml")
-    blobs = folder / "walk.csv"
-    with truth_path(blobs).open(newline="") as file:
-        truth = [row for row in csv.DictReader(file) if int(row["frame"]) <= PART[1]]
-    return blobs, read_cameras(folder / "room.toml"), truth
-
-
-def test_one_blob_named_holds_and_hardly_costs_others_their_names(capture, tmp_path):
-    """A person names one blob of one camera, near where a foot's markers are easily taken for each other."""
-    source, cameras, truth = capture
-    chosen = next(row for row in truth if (row["frame"], row["camera"], row["marker"]) == ("101", "cam3", "RTOE"))
-    edits = Edits((AssignBlob("cam3", 101, float(chosen["x"]) + 1, float(chosen["y"]), "RTOE"),))
-    job = LabelJob(source, cameras, MODEL, tmp_path, frames=PART, keep=True, occlusion="capsules")
-    first = finished(label_file(replace(job, out=tmp_path / "first")))
-    labelled = finished(label_file(replace(job, edits=edits)))
-    ((blobs, chunk),) = labelled.chunks
-    markerset = open_markerset(MODEL)
-    names = np.array([*markerset.markers, ""])
-    one = truth.index(chosen)
-    assert chunk.labels.marker[one] == markerset.index("RTOE")
-    assert chunk.labels.confidence[one] == 1
-    again = apply_edits(chunk.unedited, edits, cells_of_blobs(blobs, cameras.names, markerset.by_name, len(markerset)))
-    assert (again.labels.marker == chunk.labels.marker).all()
-    counts = []
-    for labels in (first.chunks[0][1].labels, chunk.labels):
-        rows = zip(names[labels.marker], truth, strict=True)
-        given = [(name, row["marker"].split("|")) for name, row in rows if name]
-        counts.append((sum(name in true for name, true in given), sum(name not in true for name, true in given)))
-    assert counts[1][1] <= min(counts[0][1], 2)
-    assert counts[1][0] >= 0.998 * counts[0][0]
-    assert labelled.report["edits"] == {"file": None, "applied": {"assign": 1}, "found_nothing": []}
+    assert (said, again["changed_in_all"]) == ([(name, "gained", 11, 70)], "60 labels more")
 
 
 def part(first: int, frames: int, spans: dict[int, range]) -> Reconstructed:
@@ -236,8 +176,7 @@ def test_trajectories_come_back_in_columns_without_the_shortest(tmp_path):
         assert points.xyz.shape == (30, 2, 3)
         whole = points.xyz[:]
         np.testing.assert_allclose(whole[:20, 0, 0], np.arange(10, 30) / 100, atol=1e-6)
-        assert np.isnan(whole[20:, 0]).all()
-        assert np.isnan(whole[:10, 1]).all()
+        assert np.isnan(whole[20:, 0]).all() and np.isnan(whole[:10, 1]).all()
         np.testing.assert_allclose(whole[10:, 1, 1], 0.02, atol=1e-6)
         np.testing.assert_array_equal(points.xyz[15], whole[15])
         np.testing.assert_allclose(points.residual[3:6][:, 0], [0.003, 0.004, 0.005], atol=1e-6)

@@ -91,10 +91,8 @@ def test_the_wheel_is_of_one_platform_and_brings_the_compiled_library(wheel, ins
     if target is None or not any(build_kernels.WHEELS.glob(f"*-{build_kernels.version()}-py3-none-{target.tag}.whl")):
         pytest.skip(NEVER_BUILT)
     assert wheel.name == f"mocap_autolabel-{build.version()}-py3-none-{target.tag}.whl"
-    code = (
-        "import mocap_autolabel_kernels as k; from mocap_autolabel.addon.core.kernels import in_use;"
-        "print(k.PATH); assert in_use()"
-    )
+    used = "from mocap_autolabel.addon.core.kernels import in_use; assert in_use()"
+    code = f"{used}; import mocap_autolabel_kernels as k; print(k.PATH)"
     assert Path(told_by(installed, sys.executable, "-c", code).strip()).is_relative_to(installed)
     with zipfile.ZipFile(wheel) as archive:
         [about] = (archive.read(name).decode() for name in archive.namelist() if name.endswith(".dist-info/WHEEL"))
@@ -123,9 +121,8 @@ def pins(name: str) -> list[tuple[Requirement, int]]:
     """Each line of a file of pins, and of how many files it has the hash."""
     text = (build.ROOT / name).read_text(encoding="utf-8").replace("\\\n", " ")
     rows = [line for line in text.split("\n") if line and not line.startswith("#")]
-    return [
-        (Requirement(row.partition("--hash")[0]), len(re.findall(r"--hash=sha256:[0-9a-f]{64}\b", row))) for row in rows
-    ]
+    hashed = re.compile(r"--hash=sha256:[0-9a-f]{64}\b")
+    return [(Requirement(row.partition("--hash")[0]), len(hashed.findall(row))) for row in rows]
 
 
 def asked() -> list[Requirement]:
@@ -138,12 +135,8 @@ def asked() -> list[Requirement]:
 @pytest.mark.parametrize("python", run.PYTHONS)
 @pytest.mark.parametrize("system", SYSTEMS, ids="-".join)
 def test_everything_asked_for_is_pinned_once(python, system):
-    here = default_environment() | {
-        "python_version": python,
-        "python_full_version": python + ".4",
-        "sys_platform": system[0],
-        "platform_machine": system[1],
-    }
+    here = default_environment() | dict(zip(("sys_platform", "platform_machine"), system, strict=True))
+    here |= {"python_version": python, "python_full_version": python + ".4"}
     meant = [one for one, _ in pins(run.PINNED) if one.marker is None or one.marker.evaluate(here)]
     pinned = {one.name: str(one.specifier).removeprefix("==") for one in meant}
     assert len(pinned) == len(meant)

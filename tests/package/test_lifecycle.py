@@ -42,29 +42,25 @@ def life(request, make_zip, tmp_path_factory):
 
 
 def test_installing_enables_all_of_it_and_blender_sees_no_violation_of_its_policies(life):
-    assert life["installed"]["enabled"]
-    assert life["installed"]["version"] == build.version()
+    assert life["installed"]["enabled"] and life["installed"]["version"] == build.version()
     assert life["installed"]["tabs"] == ["Mocap"]
     # A Python of another version keeps what a class declares otherwise, and bases of operators add to that.
     assert {"filter_glob", "performer", "room", "unit"} <= set(life["installed"]["operators"]["export_bvh"])
     files = [path for path in (build.ROOT / "addon").rglob("*.py") if path.name != "__init__.py"]
     assert len(files) <= len(life["modules"])
     assert life["warnings"] == {}
-    assert "olicy violation" not in life["log"]
-    assert "Traceback" not in life["log"]
+    assert "olicy violation" not in life["log"] and "Traceback" not in life["log"]
 
 
 @pytest.mark.parametrize("moment", ["disabled", "uninstalled"])
 def test_nothing_stays_in_the_running_blender(life, moment):
-    assert not life[moment]["enabled"]
-    assert life[moment]["traces"] == life["before"]
+    assert not life[moment]["enabled"] and life[moment]["traces"] == life["before"]
     assert life[moment]["operators"] == {}
 
 
 def test_enabling_again_restores_all_of_it_an_update_replaces_it_and_uninstalling_removes_it(life):
     assert life["enabled again"] == life["installed"]
-    assert life["installed"]["traces"]["data"] == life["before"]["data"]
-    assert life["updated"]["version"] == NEWER
+    assert life["installed"]["traces"]["data"] == life["before"]["data"] and life["updated"]["version"] == NEWER
     assert life["updated"] == life["installed"] | {"version": NEWER}
     # What stays is Blender's own: its list of checked extensions, and the byte code beside wheels it removed.
     assert [name for name in life["files left"] if name != ".cache/compat.dat" and "/__pycache__/" not in name] == []
@@ -112,9 +108,8 @@ def test_takes_of_a_batch_share_blenders(command, virtual_take, tmp_path):
     done = command("label", *map(str, takes), *given, *few)
     assert done.returncode == 0, done.stdout + done.stderr
     reports = results(done)["takes"]
-    assert [(report["take"], report["frames"], report["occlusion"]) for report in reports] == [
-        (name, 4, "bvh") for name in ("one", "two", "three")
-    ]
+    told = [(report["take"], report["frames"], report["occlusion"]) for report in reports]
+    assert told == [(name, 4, "bvh") for name in ("one", "two", "three")]
     assert len({report["unlabelled"] for report in reports}) == 1
 
 

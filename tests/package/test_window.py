@@ -27,7 +27,7 @@ def tour(watch, virtual_take, tmp_path_factory):
     return watch("sidebar", folder, **files, points=str(folder / "walk.c3d"))
 
 
-def test_a_take_is_named_after_three_clicks_and_esc_leaves_nothing(tour):
+def test_a_take_is_named_after_three_clicks_esc_leaves_nothing_and_each_stage_fits_a_screen(tour):
     assert [name.removeprefix("mocap_autolabel.") for name in tour["at first"]] == ["import_take"]
     assert tour["found"] == "body26"
     assert "mocap_autolabel.label" in tour["opened"]
@@ -38,10 +38,7 @@ def test_a_take_is_named_after_three_clicks_and_esc_leaves_nothing(tour):
     assert {f"mocap_autolabel.{name}" for name in ("add_character", "export_c3d")} <= tour["to use"].keys()
     assert tour["running before another file"]
     assert tour["another file"] == {"running": False, "doing": "", "take": True}
-
-
-def test_each_stage_is_at_most_a_screen_high(tour):
-    """A window of 1600 x 1000 px, whose timeline is seen, so a screen of 1080 px has room to spare."""
+    # Each stage is at most a window of 1600 x 1000 px high, so a screen of 1080 px has room to spare.
     assert len(tour["heights"]) == 6
     assert max(tour["heights"].values()) == pytest.approx(1)
 
@@ -76,12 +73,9 @@ def test_keys_show_what_is_meant_correct_and_answer_and_all_of_it_reaches_the_fi
     assert filled["edits"] == corrected["edits"]
 
 
-@pytest.mark.parametrize("step", ["labelled again", "undone", "redone", "reopened"])
-def test_nothing_is_lost(room, step):
-    assert {what: room[step][what] for what in KEPT} == {what: room["filled"][what] for what in KEPT}
-
-
-def test_undo_brings_back_what_was_before_and_a_reopened_file_is_what_was_saved(room):
+def test_nothing_is_lost_undo_brings_back_what_was_before_and_a_reopened_file_is_what_was_saved(room):
+    for step in ("labelled again", "undone", "redone", "reopened"):
+        assert {what: room[step][what] for what in KEPT} == {what: room["filled"][what] for what in KEPT}, step
     assert (room["undone"]["labels"], room["undone"]["file"]) == (room["filled"]["labels"], room["filled"]["file"])
     assert room["reopened"] == room["redone"]
 
@@ -94,14 +88,11 @@ def tool(watch, tmp_path_factory):
 def test_dots_are_picked_in_every_way_swapped_by_keys_and_named_by_the_pie(tool):
     left, right = tool["knees"]
     assert (tool["clicked"], tool["selected"]) == ([left], ["LKNE"])
-    assert tool["with Shift"] == [left, right]
-    assert tool["with Shift again"] == [right]
+    assert tool["with Shift"] == [left, right] and tool["with Shift again"] == [right]
     assert tool["beside"] == []
     assert set(tool["knees"]) <= set(tool["in a box"])
-    assert tool["in a lasso"] == [tool["knees"][1]]
-    assert tool["swapped"] == ["LKNE and RKNE swapped, all frames"]
-    assert tool["undone"] == []
-    assert tool["picked after undo"] == tool["knees"]
+    assert tool["in a lasso"] == [tool["knees"][1]] and tool["swapped"] == ["LKNE and RKNE swapped, all frames"]
+    assert tool["undone"] == [] and tool["picked after undo"] == tool["knees"]
     [unlabelled] = tool["unlabelled"]
     assert tool["named by the pie"] == [unlabelled, f"LANK is {unlabelled.split(' has ')[0].lower()}, all frames"]
     assert tool["after Esc"] == tool["named by the pie"]
@@ -116,23 +107,19 @@ def test_quick_label_goes_from_marker_to_marker(tool):
     assert not tool["quick label runs"]
 
 
-def test_a_marker_is_put_where_nothing_was_seen_and_playback_goes_on_with_the_tool(tool):
-    words, place = tool["placed"]
-    assert words.startswith(f"{tool['gap']} is placed by hand, frame")
-    assert np.isfinite(place).all()
-    assert tool["played"]
-    assert tool["tool"] == "mocap_autolabel.label_tool"
-
-
 PREVIEWED = (1.0, 0.75, 0.2)  # what a fill that is not kept yet is drawn in
 
 
-def test_a_fill_is_seen_in_the_graph_before_it_is_kept(tool):
+def test_a_fill_is_seen_before_it_is_kept_a_marker_put_where_nothing_was_and_playback_goes_on_with_the_tool(tool):
     assert tool["kept"][0] and not tool["kept"][1]
     picture = imread(tool["folder"] / "6-graph.png")[..., :3]
     x, y, wide, high = tool["graph"]
     graph = picture[len(picture) - y - high : len(picture) - y, x : x + wide]
     assert (np.abs(graph - PREVIEWED).max(axis=2) < 0.06).sum() > 50
+    words, place = tool["placed"]
+    assert words.startswith(f"{tool['gap']} is placed by hand, frame")
+    assert np.isfinite(place).all()
+    assert tool["played"] and tool["tool"] == "mocap_autolabel.label_tool"
 
 
 MARKERS, LONG_GHOSTS, FLICKERS = 62, 20, 600
@@ -158,31 +145,25 @@ def test_a_drag_selects_a_range_and_undo_takes_it_back(timeline):
     assert all(abs(one - other) <= A_PIXEL for one, other in zip(ends, timeline["drag"]["wanted"], strict=True))
     assert timeline["drag"]["selected"] == [timeline["drag"]["row"]]
     for after in ("undone", "stopped"):
-        assert timeline[after]["range"][0] is False
-        assert timeline[after]["selected"] == ["RFHD"]
+        assert timeline[after]["range"][0] is False and timeline[after]["selected"] == ["RFHD"]
 
 
 def test_names_are_clicked_the_wheel_scrolls_and_other_keys_are_left_alone(timeline):
     assert timeline["name clicked"]["selected"] == [timeline["name clicked"]["row"]]
     assert timeline["name clicked"]["frame"] == timeline["undone"]["frame"], "a name is no time"
     assert len(timeline["added"]) == 2
-    assert timeline["scrolled"] == 8 * 3
-    assert timeline["scrolled by names"] == 9 * 3
-    assert timeline["panned"] == pytest.approx(9 * 3 - 4, abs=0.5)
-    assert timeline["zoomed"] < 0.95
+    assert timeline["scrolled"] == 8 * 3 and timeline["scrolled by names"] == 9 * 3
+    assert timeline["panned"] == pytest.approx(9 * 3 - 4, abs=0.5) and timeline["zoomed"] < 0.95
     assert timeline["keys left"]
 
 
-@pytest.mark.parametrize("name", ["timeline-whole", "timeline-range", "timeline-ghosts", "timeline-unfolded"])
-def test_the_rows_are_coloured(timeline, name):
-    picture = imread(timeline["folder"] / f"{name}.png")[..., :3]
-    grey = picture.max(axis=2) - picture.min(axis=2) < 0.1
-    assert (~grey[len(grey) // 2 :]).mean() > 0.02
-
-
-def test_switched_off_it_leaves_blenders_own(timeline):
-    on, off = (imread(timeline["folder"] / f"timeline-{name}.png")[..., :3] for name in ("unfolded", "off"))
-    assert abs(on - off).mean() > 0.02
+def test_the_rows_are_coloured_and_switched_off_it_leaves_blenders_own(timeline):
+    names = "whole", "range", "ghosts", "unfolded", "off"
+    seen = {name: imread(timeline["folder"] / f"timeline-{name}.png")[..., :3] for name in names}
+    for name in names[:4]:
+        grey = seen[name].max(axis=2) - seen[name].min(axis=2) < 0.1
+        assert (~grey[len(grey) // 2 :]).mean() > 0.02, name
+    assert abs(seen["unfolded"] - seen["off"]).mean() > 0.02
 
 
 def test_a_take_of_a_set_of_ones_own_is_named_after_three_clicks(watch, tmp_path):
@@ -208,8 +189,7 @@ def test_a_take_of_a_set_of_ones_own_is_named_after_three_clicks(watch, tmp_path
 
 def test_a_second_person_comes_from_a_file_to_a_rig_without_a_detour(watch, tmp_path):
     seen = walked(watch, "trial", tmp_path)
-    assert seen["tab"] == "Mocap"
-    assert seen["wrong"] and seen["mended"] and seen["time is kept"]
+    assert seen["tab"] == "Mocap" and seen["wrong"] and seen["mended"] and seen["time is kept"]
     assert sum(clicks for clicks, _, _ in seen["steps"].values()) <= 17
     assert {path.suffix for path in tmp_path.glob("trial.*")} >= {".c3d", ".fbx"}
     for name, step in seen["steps"].items():

@@ -95,14 +95,9 @@ def faults_of_names(names: list[str]) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(
-    "name", ["a\\b", "/a", "../a", "a:b", "a/NUL.txt", "com1", "aux .x", "a./b", "a ", "x\n", "Ä/B"]
-)
-def test_a_name_that_some_system_does_not_take_is_found(name):
-    assert faults_of_names(["ä/b", name]) != []
-
-
 def test_every_system_takes_all_names_of_a_zip_and_its_plain_files_have_the_same_line_ends(archive):
+    for name in ("a\\b", "/a", "../a", "a:b", "a/NUL.txt", "com1", "aux .x", "a./b", "a ", "x\n", "Ä/B"):
+        assert faults_of_names(["ä/b", name]) != []
     assert faults_of_names(archive.namelist()) == []
     assert all(name.isascii() for name in archive.namelist())
     assert max(len(BESIDE[""] + name) for name in archive.namelist()) <= LONGEST

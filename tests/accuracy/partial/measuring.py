@@ -143,7 +143,7 @@ def cover(method: Faithful, test: Test) -> dict:
 
 def splits(method: str) -> Iterator[tuple[str, list[str], list[str]]]:
     """Of each training its name, whom it learns from and who is tested."""
-    everyone = list(people.everyone())
+    everyone = list(people.WALKERS)
     yield SAME, everyone, everyone
     for group in people.folds(GROUPS[method]):
         yield "+".join(group), [person for person in everyone if person not in group], list(group)
@@ -178,7 +178,7 @@ def takes_of(persons: list[str]) -> Takes:
 
 
 def _test(tested: list[str]) -> Test:
-    everyone = people.everyone()
+    everyone = people.WALKERS
     frames = np.concatenate([frames for frames, _ in takes_of(tested)])
     return Test(frames, int(np.ceil(FRAMES * len(tested) / len(everyone))), everyone.index(tested[0]))
 

@@ -109,7 +109,7 @@ def conditions(results: Results) -> str:
     tested = [(column, counts) for column, counts in results.with_study("grid")]
     clouds = {column: _clouds(counts[str(TABLE_2)]) for column, counts in tested}
     rows = [
-        ["people", "14, of diverse ages and body shapes", f"{len(people.everyone())}, children to adults"],
+        ["people", "14, of diverse ages and body shapes", f"{len(people.WALKERS)}, children to adults"],
         ["sequences", "70, about 3 s, walking", f"{len(takes)}: {', '.join(people.KINDS)}, one each a person"],
         ["frames, rate", "more than 20,000 at 100 Hz", f"{sum(len(take.xyz) for take in takes)} at 100 Hz"],
         ["markers", "15, Helen Hayes lower body", f"{len(people.GAIT15)}, the same set (`gait15`)"],

@@ -12,7 +12,8 @@ import pytest
 from addon.core.blobs.pipeline import TakeLabeller, label_take
 from addon.core.blobs.search import NO_HINTS, Hints
 from addon.core.blobs.subject import TIMED_STAGES, Setup
-from addon.core.data.takes import NO_MARKER, NO_STEP
+from addon.core.blobs.tracking import FOLLOWING_STEPS
+from addon.core.data.takes import NO_MARKER, NO_STEP, Labels
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, disturbed
 from addon.core.simulation.virtual import Act
@@ -35,30 +36,14 @@ class Outcome:
         self.rows = np.flatnonzero(np.ones(len(scene.blobs), dtype=bool) if kept is None else kept)
         blobs = keep(scene.blobs, self.rows)
         self.chunks = list(label_take(cut(blobs, size), rig, scene.markerset, RATE, hints))
-        firsts = range(0, len(blobs.frames), size)
-        order = np.concatenate([np.flatnonzero((blobs.frame >= a) & (blobs.frame < a + size)) for a in firsts])
-        self.marker, self.step, self.confidence = (
-            self._back(order, [getattr(chunk.labels, name) for chunk in self.chunks])
-            for name in ("marker", "step", "confidence")
-        )
-        truth = scene.truth[self.rows]
-        names = scene.names(self.marker)
-        self.right = np.array([name in text.split("|") for name, text in zip(names, truth, strict=True)])
+        labels = Labels.join(chunk.labels for chunk in self.chunks)
+        self.marker, self.step, self.confidence = labels.marker, labels.step, labels.confidence
+        self.right = replace(scene, truth=scene.truth[self.rows]).right(scene.names(self.marker))
         self.given = self.marker >= 0
+        self.wrong = int((self.given & ~self.right).sum())
         self.suspects = [suspect for chunk in self.chunks for suspect in chunk.suspects]
         self.found = np.concatenate([chunk.motion.confidence for chunk in self.chunks]) > 0
         self.frame = blobs.frame
-
-    @staticmethod
-    def _back(order, parts):
-        joined = np.concatenate(parts)
-        whole = np.empty_like(joined)
-        whole[order] = joined
-        return whole
-
-    @property
-    def wrong(self):
-        return int((self.given & ~self.right).sum())
 
 
 @cache
@@ -69,6 +54,7 @@ def outcome(name="gait15", size=1000):
 @pytest.mark.parametrize("name", ["gait15", "body26"])
 def test_a_walk_is_named(name):
     """A2, A34: every blob of a walk in a room with ghosts."""
+    assert FOLLOWING_STEPS == 2, "iterations a frame"
     whole = outcome(name)
     assert whole.right.mean() > 0.998
     assert whole.wrong <= 0.0005 * whole.given.sum()
@@ -86,7 +72,6 @@ def test_labels_are_well_formed():
 
 
 def test_motion_is_where_the_person_was():
-    """Triangulated from two or more cameras, with residuals; the fitted body carries the rest."""
     scene, whole = walk(), outcome()
     (motion,) = [chunk.motion for chunk in whole.chunks]
     count, markers = len(scene.blobs.frames), len(scene.markerset)
@@ -164,7 +149,6 @@ def test_a_person_who_comes_later_is_found(size):
 
 
 def test_nobody_there_is_said():
-    """Ghosts alone: no names, no pose, and a suspect that covers the take."""
     generator, scene = np.random.default_rng(1), walk()
     ghosts = scene.truth == ""
     empty = Outcome(scene, ghosts)
@@ -188,7 +172,7 @@ def test_one_camera_out_of_place_is_survived():
     whole = Outcome(scene, scene.blobs.frame < 40, rig=knocked)
     others = scene.blobs.camera[whole.rows] != 4
     assert whole.right[others].mean() > 0.97
-    assert (whole.given & ~whole.right).sum() <= 0.003 * whole.given.sum()
+    assert whole.wrong <= 0.003 * whole.given.sum()
 
 
 @pytest.mark.parametrize("name", ["gait15", "body26"])
@@ -210,19 +194,15 @@ def test_a_facing_hint_is_for_the_beginning_only():
 def test_twelve_frames_a_second():
     acts = [Act(0.3), Act(1.5, stride=1.0), Act(1.0, stride=0.6, turn=np.pi)]
     scene = act(built_in("gait15"), RIG, acts, seed=4, options=ROOM, rate=12)
-    chunks = list(label_take([scene.blobs], RIG, scene.markerset, 12.0))
-    names = scene.names(chunks[0].labels.marker)
-    given = chunks[0].labels.marker >= 0
-    assert (given & ~scene.right(names)).sum() <= 0.005 * given.sum()
+    (chunk,) = label_take([scene.blobs], RIG, scene.markerset, 12.0)
+    given = chunk.labels.named
+    assert (given & ~scene.right(scene.names(chunk.labels.marker))).sum() <= 0.005 * given.sum()
 
 
 def test_memory_does_not_grow_with_the_take():
-    """The same standing person for many chunks: what is held after the last is what was held after the third."""
     rig = paper_rig()
     scene = stand(built_in("gait15"), rig, 2)
-    count = 6
-    bodies = scene.bodies.pick(np.zeros(count, dtype=int))
-    chunk = film(scene.markerset, rig, bodies, CLEAN).blobs
+    chunk = film(scene.markerset, rig, scene.bodies.pick(np.zeros(6, dtype=int)), CLEAN).blobs
     held = []
     tracemalloc.start()
     try:

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from addon.core.blobs import confidence
 from addon.core.blobs.confidence import CONFIDENCE
 from addon.core.blobs.image_tracklets import link_blobs
-from addon.core.blobs.pipeline import label_take
 from addon.core.blobs.tracking import Anchor, followed_by_library, followed_by_numpy
 from addon.core.body import bodies as posing
 from addon.core.body.bodies import PLACEMENT, Bodies, BodyModel
@@ -21,12 +20,12 @@ from addon.core.geometry import cameras, triangulation
 from addon.core.geometry.triangulation import MAX_CONDITION, RAY_RIDGE
 from addon.core.geometry.views import Sight, View, split_views
 from addon.core.kernels import frame_calls
-from addon.core.papers.virtual_occlusions import cost, fit, labelling, occlusion
+from addon.core.papers.virtual_occlusions import cost, fit, occlusion
 from addon.core.papers.virtual_occlusions.labelling import Expectation, Rules, named_by_library, named_by_numpy
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
-from tests.core.blobs.followed import begun as begun_in
+from tests.core.blobs.test_following import begun as begun_in
 from tests.core.scenes import act, blobs_at, built_in
 from tests.core.toybody import toy_markerset
 
@@ -311,26 +310,6 @@ def test_indices_and_shapes_beyond_are_refused():
         lambda: named_by_library(view, sight, replace(expected, visible=expected.visible.T), RULES, None, False),
         lambda: named_by_library(many, sight, expected, RULES, None, False),
     )
-
-
-@pytest.mark.parametrize("name", ["toy", "gait15"])
-def test_a_take_gets_the_same_labels(name):
-    markerset = toy_markerset() if name == "toy" else built_in(name)
-    rig = paper_rig() if name == "toy" else ring_rig(6, radius=4.5, volume_radius=1.3)
-    options = CaptureOptions(noise=0.3, reflections=1, flicker=0.3)
-    taken = act(markerset, rig, [Act(0.4, stride=0.9)], seed=5, options=options)
-
-    def labels():
-        return [chunk.labels for chunk in label_take([taken.blobs], rig, markerset, 60.0)]
-
-    found = labels()
-    with numpy_everywhere():
-        expected = labels()
-        assert not labelling.in_use()
-    for one, other in zip(found, expected, strict=True):
-        assert (one.marker == other.marker).all() and (one.step == other.step).all()
-        same([one.confidence], [other.confidence], 1e-6)
-    assert (found[0].marker >= 0).mean() > 0.8
 
 
 ROOM_RIG = ring_rig(4, radius=4.5, volume_radius=1.3)

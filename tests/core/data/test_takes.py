@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Labels taken apart and put together, ranges merged, trajectories in lanes, copies; and the progress of long work."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.data.errors import ForceableError, InputError, of_file
@@ -37,16 +39,14 @@ def labels() -> Labels:
     )
 
 
-def without_rates(labels: Labels) -> Labels:
-    return Labels(labels.marker, labels.step, labels.confidence)
-
-
 def test_parts_come_one_after_the_other_are_kept_or_left_out_and_give_place_to_others(labels):
     whole = Labels.join([labels, labels[:1]])
     for name in ("marker", "step", "confidence", "rate"):
         column = getattr(labels, name)
         np.testing.assert_array_equal(getattr(whole, name), np.concatenate([column, column[:1]]))
-    assert Labels.join(part for part in (labels, without_rates(labels))).rate is None, "not all of them were measured"
+    assert Labels.join(part for part in (labels, replace(labels, rate=None))).rate is None, (
+        "not all of them were measured"
+    )
     before = labels.marker.copy()
     kept = labels.kept(np.array([[True, False, True], [False, True, True]]))
     assert kept.marker.tolist() == [[4, NO_MARKER, NO_MARKER], [NO_MARKER, 4, NO_MARKER]]
@@ -54,7 +54,7 @@ def test_parts_come_one_after_the_other_are_kept_or_left_out_and_give_place_to_o
     assert kept.confidence.tolist() == [[0.9, 0, 0], [0, 0.6, 0]]
     assert kept.rate.tolist() == [[0.999, 0, 0], [0, 0.9, 0]]
     np.testing.assert_array_equal(labels.marker, before)
-    assert without_rates(labels).kept(labels.named).rate is None
+    assert replace(labels, rate=None).kept(labels.named).rate is None
     other = Labels(np.full((2, 3), 7), np.full((2, 3), BY_FIT), np.full((2, 3), 0.5))
     where = np.array([[False, True, True], [False, False, False]])
     made = labels.replaced(where, other)
@@ -107,7 +107,6 @@ def labelled(first: int, last: int, value: int, blobs: bool = False, joints: int
     return LabelledRange(rows, labels, motion, tuple(suspects))
 
 
-@settings(deadline=None, max_examples=40)
 @given(*(st.integers(0, 30) for _ in range(4)), st.booleans())
 def test_in_its_frames_the_new_holds_and_elsewhere_the_old(a, b, c, d, blobs):
     old, new = labelled(min(a, b), max(a, b), 1, blobs), labelled(min(c, d), max(c, d), 2, blobs)
@@ -180,16 +179,12 @@ def test_a_lane_holds_one_trajectory_at_a_time_and_there_are_no_more_than_needed
     for _, span, lane in lanes.each_alone():
         covered[span, lane] += 1
     assert covered.max(initial=0) <= 1
-    at_once = max(int(_spanned(there).sum(axis=1).max()), 1)
+    spanned = np.maximum.accumulate(there) & np.maximum.accumulate(there[::-1])[::-1]
+    at_once = max(int(spanned.sum(axis=1).max()), 1)
     assert lanes.count == (at_once if 2 * at_once <= xyz.shape[1] else xyz.shape[1])
     table = lanes.table(slice(0, FRAMES))
     frame, lane = np.nonzero(table >= 0)
     np.testing.assert_array_equal(lanes.at(frame, lane), table[frame, lane])
-
-
-def _spanned(there: np.ndarray) -> np.ndarray:
-    """(T, P) True from the first to the last point of each trajectory (T, P)."""
-    return np.maximum.accumulate(there, axis=0) & np.maximum.accumulate(there[::-1], axis=0)[::-1]
 
 
 @given(takes(), st.integers(0, FRAMES - 1), st.integers(1, FRAMES))
@@ -223,16 +218,12 @@ def test_what_a_frame_shows_is_in_the_order_of_the_file_and_labels_find_their_wa
     np.testing.assert_array_equal(ordered.of(there) & np.isfinite(ordered.xyz[..., 0]), number >= 0)
 
 
-def written(copies: Copies, which: int, index, value):
-    copies.arrays[which][index] = value
-    copies.note(which, index)
-
-
 @given(st.lists(st.tuples(st.integers(0, 1), st.integers(0, 4), st.integers(0, 3)), max_size=30))
 def test_a_copy_is_what_the_arrays_were_as_long_as_it_is_held(steps):
     copies, held = Copies(np.zeros(5), np.zeros(5, int)), {}
     for number, (which, index, keep) in enumerate(steps):
-        written(copies, which, index, number)
+        copies.arrays[which][index] = number
+        copies.note(which, index)
         given_out = copies.copy()
         for one, now in zip(given_out, copies.arrays, strict=True):
             np.testing.assert_array_equal(one, now)

@@ -3,38 +3,67 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
-from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, Blobs, Labels, PointRows
-from addon.core.edits.applying import apply_edits, cells_of_blobs, cells_of_points, refuse_unknown, summary_of
+from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, NO_STEP, Blobs, Labels, PointRows, Points
+from addon.core.edits import applying, kinds
+from addon.core.edits.applying import Cells, apply_edits, cells_of_points
 from addon.core.edits.following import Following, changed_frames
-from addon.core.edits.kinds import (
-    EDIT_KINDS,
-    NO_EDITS,
-    Accepted,
-    AssignBlob,
-    AssignPoint,
-    Delete,
-    DeleteBlob,
-    Edits,
-    Place,
-    Right,
-    Swap,
-    UnlabelBlob,
-    UnlabelMarker,
-    UnlabelPoint,
-    counted_on,
-    words_of,
-)
+from addon.core.edits.kinds import AssignPoint, Delete, Edits, Place, Right, Swap, UnlabelMarker, UnlabelPoint
 from addon.core.edits.replay import ANYBODY
 from addon.io.markersets import open_markerset
 
-from .lists import COLUMNS, FIRST, FRAMES, INDEX, NAMES, POINTS, cells_of, edit, edits, named, take
+# Of a small take, made up at random: M markers A, B, … on P trajectories over T frames.
+FRAMES, POINTS, FIRST = 6, 5, 10
+NAMES = ("A", "B", "C", "D")
+INDEX = {name: index for index, name in enumerate(NAMES)}
+COLUMNS = np.array([2, 3, 5, 7, 11])  # of the file, some of which are no markers'
+
+frame = st.integers(FIRST, FIRST + FRAMES - 1)
+frames = st.none() | st.tuples(frame, frame).map(lambda two: (min(two), max(two)))
+marker = st.sampled_from(NAMES)
+point = st.sampled_from(COLUMNS.tolist())
+xyz = st.tuples(*[st.floats(-5, 5)] * 3)
+
+edit = st.one_of(
+    st.builds(AssignPoint, point, marker, frames=frames),
+    st.builds(UnlabelMarker, marker, frames=frames),
+    st.builds(UnlabelPoint, point, frames=frames),
+    st.builds(Swap, st.permutations(NAMES).map(lambda names: (names[0], names[1])), frames=frames),
+    st.builds(Delete, point, frames=frames),
+    st.builds(Place, marker, frame, xyz),
+    st.builds(Right, marker, frames=frames),
+)
+edits = st.lists(edit, max_size=6).map(lambda items: Edits(tuple(items)))
+
+
+def take(seed: int) -> tuple[Labels, np.ndarray]:
+    """Labels that have each marker once a frame at most, of points (T, P) that are there four times in five."""
+    rng = np.random.default_rng(seed)
+    present = rng.random((FRAMES, POINTS)) < 0.8
+    names = [*range(len(NAMES)), NO_MARKER, NO_MARKER]
+    given = np.array([rng.permutation(names)[:POINTS] for _ in range(FRAMES)])
+    return named(np.where(present, given, NO_MARKER)), present
+
+
+def cells_of(present: np.ndarray) -> Cells:
+    """What edits of these points (T, P) go by."""
+    xyz = np.where(present[..., None], np.zeros(3), np.nan)
+    points = Points(("",) * POINTS, xyz, xyz[..., 0], 100.0, FIRST, columns=COLUMNS)
+    return applying.cells_of_take(points, INDEX, len(NAMES))
+
+
+def named(marker: np.ndarray) -> Labels:
+    """Labels (T, P) of these markers, all from frames on their own."""
+    some = marker != NO_MARKER
+    return Labels(marker, np.where(some, BY_LIKELIHOOD, NO_STEP), np.where(some, 0.9, 0.0))
+
 
 A, B, C = range(3)
 seeds = st.integers(0, 10_000)
+takes = seeds.map(lambda seed: (*(made := take(seed)), cells_of(made[1])))  # labels, which points are there, and cells
 
 
 def column(number: int) -> int:
@@ -46,11 +75,9 @@ def rows(one) -> slice:
     return slice(first - FIRST, last - FIRST + 1)
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, edits)
-def test_no_frame_has_a_marker_twice_and_only_points_have_names(seed, said):
-    labels, present = take(seed)
-    cells = cells_of(present)
+@given(takes, edits)
+def test_no_frame_has_a_marker_twice_and_only_points_have_names(made, said):
+    labels, present, cells = made
     after = apply_edits(labels, said, cells)
     for row in range(FRAMES):
         own = after.labels.marker[row]
@@ -63,11 +90,9 @@ def test_no_frame_has_a_marker_twice_and_only_points_have_names(seed, said):
     assert (after.labels.named == (after.labels.confidence > 0)).all()
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, edits, edit)
-def test_the_last_edit_holds_whatever_was_said_before(seed, said, last):
-    labels, present = take(seed)
-    cells = cells_of(present)
+@given(takes, edits, edit)
+def test_the_last_edit_holds_whatever_was_said_before(made, said, last):
+    labels, present, cells = made
     before = apply_edits(labels, said, cells)
     done = apply_edits(labels, said.added(last), cells)
     after, part = done.labels, rows(last)
@@ -96,11 +121,9 @@ def test_the_last_edit_holds_whatever_was_said_before(seed, said, last):
         assert (after.marker[part] == swapped).all()
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, edits, edit)
-def test_what_an_edit_is_not_about_stays(seed, said, last):
-    labels, present = take(seed)
-    cells = cells_of(present)
+@given(takes, edits, edit)
+def test_what_an_edit_is_not_about_stays(made, said, last):
+    labels, _, cells = made
     before, after = (apply_edits(labels, one, cells).labels.marker for one in (said, said.added(last)))
     outside = np.ones(FRAMES, bool)
     outside[rows(last)] = False
@@ -110,11 +133,9 @@ def test_what_an_edit_is_not_about_stays(seed, said, last):
         assert (before[~own] == after[~own]).all()
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, edits)
-def test_nothing_that_is_given_is_changed_and_undo_is_a_shorter_list(seed, said):
-    labels, present = take(seed)
-    cells = cells_of(present)
+@given(takes, edits)
+def test_nothing_that_is_given_is_changed_and_undo_is_a_shorter_list(made, said):
+    labels, present, cells = made
     kept = [column.copy() for column in (labels.marker, labels.step, labels.confidence, present)]
     steps = [apply_edits(labels, Edits(said.items[:count]), cells).labels.marker for count in range(len(said) + 1)]
     now = labels.marker, labels.step, labels.confidence, present
@@ -126,12 +147,10 @@ def test_nothing_that_is_given_is_changed_and_undo_is_a_shorter_list(seed, said)
     assert (steps[0] == labels.marker).all()
 
 
-@settings(max_examples=50, deadline=None)
-@given(seeds, seeds, edits)
-def test_labelled_again_the_same_edits_of_what_lies_below_say_the_same(seed, other, said):
+@given(takes, seeds, edits)
+def test_labelled_again_the_same_edits_of_what_lies_below_say_the_same(made, other, said):
     """`below` gives labels of which the edits make what they make of the old ones, and the new ones elsewhere."""
-    labels, present = take(seed)
-    cells = cells_of(present)
+    labels, present, cells = made
     first = apply_edits(labels, said, cells)
     again = named(np.where(present, take(other)[0].marker, NO_MARKER))
     below = first.edited.below(labels, again)
@@ -176,7 +195,7 @@ def test_edits_that_find_nothing_say_why():
         "frames 400 to 500 are not among what is labelled",
         "",
     ]
-    said = summary_of(outcomes)
+    said = applying.summary_of(outcomes)
     assert said["applied"] == {"assign": 0, "unlabel": 0, "swap": 0, "delete": 0, "right": 1}
     assert [one["edit"] for one in said["found_nothing"]] == [1, 2, 3, 4, 5, 6]
 
@@ -191,37 +210,35 @@ def test_edits_that_find_nothing_say_why():
         (Right("A", frames=(9, 12)), "edit 2 is about frame 9"),
         (Right("A", frames=(10, 16)), "edit 2 is about frame 16"),
         (Place("A", 99, (0.0, 0.0, 0.0)), "edit 2 is about frame 99"),
-        (AssignBlob("cam1", 10, 1.0, 2.0, "A"), "edit 2 is of a blob in a take of points"),
+        (kinds.AssignBlob("cam1", 10, 1.0, 2.0, "A"), "edit 2 is of a blob in a take of points"),
     ],
 )
 def test_words_that_are_not_of_this_take_are_refused(one, said):
     names, frames = {**INDEX, "a": A}, (FIRST, FIRST + FRAMES - 1)
     fine = Edits((Right("B"),))
-    refuse_unknown(fine, names, frames, COLUMNS.tolist())
+    applying.refuse_unknown(fine, names, frames, COLUMNS.tolist())
     with pytest.raises(InputError, match=said) as caught:
-        refuse_unknown(fine.added(one), names, frames, COLUMNS.tolist())
+        applying.refuse_unknown(fine.added(one), names, frames, COLUMNS.tolist())
     assert "; expected " in caught.value.message
 
 
 # Blobs: two cameras, two frames from 20 on.
-@pytest.fixture(scope="module")
-def markerset():
-    return open_markerset("gait15")
+WORN = open_markerset("gait15")
 
 
 @pytest.fixture
-def cells(markerset):
+def cells():
     xy = np.array([[10, 10], [20, 20], [10, 10], [30, 30], [11, 10], [21, 20]], float)
     frame, camera = np.array([0, 0, 0, 0, 1, 1]), np.array([0, 0, 1, 1, 0, 0])
     blobs = Blobs(np.array([20, 21]), frame, camera, xy, np.full(6, np.nan))
-    return cells_of_blobs(blobs, ("cam1", "cam2"), markerset.by_name, len(markerset))
+    return applying.cells_of_blobs(blobs, ("cam1", "cam2"), WORN.by_name, len(WORN))
 
 
-def test_a_blob_is_found_again_within_two_pixels_and_markers_are_of_all_images_of_their_frames(cells, markerset):
-    sacrum, hip = markerset.markers[:2]
+def test_a_blob_is_found_again_within_two_pixels_and_markers_are_of_all_images_of_their_frames(cells):
+    sacrum, hip = WORN.markers[:2]
     labels = named(np.array([0, 1, 0, 1, 0, 1]))
-    said = Edits((AssignBlob("cam1", 20, 18.5, 20.0, sacrum), AssignBlob("cam2", 20, 13.0, 10.0, hip)))
-    done = apply_edits(labels, said.added(AssignBlob("cam2", 21, 0, 0, hip)), cells)
+    said = Edits((kinds.AssignBlob("cam1", 20, 18.5, 20.0, sacrum), kinds.AssignBlob("cam2", 20, 13.0, 10.0, hip)))
+    done = apply_edits(labels, said.added(kinds.AssignBlob("cam2", 21, 0, 0, hip)), cells)
     assert done.labels.marker.tolist() == [-1, 0, 0, 1, 0, 1]
     assert done.labels.step.tolist() == [0, BY_EDIT, *[BY_LIKELIHOOD] * 4]
     assert [one.reason for one in done.outcomes] == [
@@ -253,7 +270,6 @@ def same(one: Labels, other: Labels):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-@settings(max_examples=80, deadline=None)
 @given(seeds, st.lists(edits, min_size=1, max_size=3))
 def test_they_are_those_of_all_edits_at_once(seed, lists):
     labels, present = take(seed)
@@ -268,7 +284,6 @@ def test_they_are_those_of_all_edits_at_once(seed, lists):
         }
 
 
-@settings(max_examples=40, deadline=None)
 @given(seeds, edits, edit)
 def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     take_of, rows, _ = followed(*take(seed))
@@ -292,7 +307,7 @@ def test_a_place_that_is_moved_is_a_marker_that_moved_and_where_nothing_was_seen
     one, other = (take_of.apply(Edits((Place(NAMES[1], FIRST + 2, (0.0, 0.0, z)),))) for z in (1.0, 2.0))
     assert changed_frames(one.held, other.held, by_hand=False) == {1: slice(2, 3)}
     assert changed_frames(one.held, one.held) == changed_frames(None, None) == {}
-    assert not changed_frames(None, take_of.apply(NO_EDITS).held)
+    assert not changed_frames(None, take_of.apply(kinds.NO_EDITS).held)
     nothing = PointRows(FIRST + np.arange(FRAMES), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), None)
     placed = Place(NAMES[0], FIRST + 1, (0.0, 0.0, 1.0))
     said = Edits((AssignPoint(int(COLUMNS[0]), NAMES[1]), Swap((NAMES[0], NAMES[1])), placed))
@@ -304,23 +319,23 @@ def test_a_place_that_is_moved_is_a_marker_that_moved_and_where_nothing_was_seen
 WORDS = {
     AssignPoint(12, "LKNE", frames=(100, 250)): "LKNE is trajectory 12, frames 100–250",
     AssignPoint(12, "LKNE", frames=(100, 100)): "LKNE is trajectory 12, frame 100",
-    AssignBlob("cam1", 100, 512.3, 88.1, "LKNE"): "LKNE is the blob at 512 88 of cam1, frame 100",
-    AssignBlob("cam1", 100, 1, 2, "LKNE", frames=(90, 100)): "LKNE is the blob at 1 2 of cam1, frames 90–100",
-    UnlabelBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 has no name, frame 100",
-    DeleteBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 is no marker, frame 100",
+    kinds.AssignBlob("cam1", 100, 512.3, 88.1, "LKNE"): "LKNE is the blob at 512 88 of cam1, frame 100",
+    kinds.AssignBlob("cam1", 100, 1, 2, "LKNE", frames=(90, 100)): "LKNE is the blob at 1 2 of cam1, frames 90–100",
+    kinds.UnlabelBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 has no name, frame 100",
+    kinds.DeleteBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 is no marker, frame 100",
     UnlabelMarker("LKNE"): "Nothing is LKNE, all frames",
     UnlabelPoint(12): "Trajectory 12 has no name, all frames",
     Swap(("LKNE", "RKNE"), frames=(1, 2)): "LKNE and RKNE swapped, frames 1–2",
     Delete(7): "Trajectory 7 is no marker, all frames",
     Place("LKNE", 120, (0.1, 0.2, 0.5)): "LKNE is placed by hand, frame 120",
     Right("LKNE"): "LKNE is right, all frames",
-    Accepted("camera B is off", frames=(1, 2)): "It is right that camera B is off, frames 1–2",
+    kinds.Accepted("camera B is off", frames=(1, 2)): "It is right that camera B is off, frames 1–2",
 }
 
 
 def test_every_kind_has_words():
-    assert {type(edit) for edit in WORDS} == set(EDIT_KINDS)
-    assert {edit: words_of(edit) for edit in WORDS} == WORDS
+    assert {type(edit) for edit in WORDS} == set(kinds.EDIT_KINDS)
+    assert {edit: kinds.words_of(edit) for edit in WORDS} == WORDS
 
 
 @pytest.mark.parametrize(
@@ -333,5 +348,5 @@ def test_every_kind_has_words():
     ],
 )
 def test_a_sentence_names_frames_as_they_are_counted_elsewhere(words, shifted):
-    assert counted_on(words, lambda frame: frame + 10) == shifted
-    assert counted_on(words, int) == words
+    assert kinds.counted_on(words, lambda frame: frame + 10) == shifted
+    assert kinds.counted_on(words, int) == words

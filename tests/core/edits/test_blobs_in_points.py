@@ -30,10 +30,7 @@ def heard(*edits) -> NamedThroughBlobs:
     return named
 
 
-def place() -> np.ndarray:
-    found = np.full(9, -1)
-    found[[4, 7]] = [1, 0]
-    return found
+PLACE = np.array([-1, -1, -1, -1, 1, -1, -1, 0, -1])  # of the points of each trajectory
 
 
 def blob(kind, frame: int, marker: str = "", *, point: int = 0, frames=None):
@@ -46,7 +43,7 @@ def blob(kind, frame: int, marker: str = "", *, point: int = 0, frames=None):
 
 
 def said(named: NamedThroughBlobs) -> list[tuple]:
-    return [(one.point, one.marker, one.frames) for one in named.edits_of(place())]
+    return [(one.point, one.marker, one.frames) for one in named.edits_of(PLACE)]
 
 
 def test_a_blob_names_its_point_in_its_frame_and_a_track_in_all_of_its_frames():
@@ -78,9 +75,9 @@ def test_points_not_of_the_take_and_blobs_and_names_of_none_are_passed_over():
     named = heard(blob(AssignBlob, 12, "LKNE"))
     assert not named.edits_of(np.full(9, -1))
     far = AssignBlob(marker="LKNE", camera="left", frame=12, x=900.0, y=50.0)
-    assert not heard(far).edits_of(place())
-    assert not heard(Swap(("LKNE", "RKNE"))).edits_of(place())
-    assert all(isinstance(one, AssignPoint) for one in named.edits_of(place()))
+    assert not heard(far).edits_of(PLACE)
+    assert not heard(Swap(("LKNE", "RKNE"))).edits_of(PLACE)
+    assert all(isinstance(one, AssignPoint) for one in named.edits_of(PLACE))
     assert said(heard(blob(AssignBlob, 12, "LFWT"), Swap(("LASI", "RKNE")))) == [(1, "RKNE", (12, 12))]
     assert said(heard(blob(AssignBlob, 12, "LASI"), UnlabelMarker("LFWT"))) == []
     assert said(heard(blob(AssignBlob, 12, "3:LKNE"))) == []

@@ -103,7 +103,6 @@ def named(xyz: np.ndarray, rate: float = 10.0) -> Points:
     return Points(names, xyz, np.where(np.isfinite(xyz[..., 0]), 0.001, np.nan), rate, 5)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(1, 80), st.integers(1, 6), st.integers(0, 1000), st.integers(1, 30))
 def test_every_point_is_there_once_with_its_name_and_in_a_piece_of_its_own(frames, count, seed, longest):
     chance = np.random.default_rng(seed)
@@ -163,7 +162,6 @@ def test_what_got_worse_beyond_its_margin_is_said():
 
 
 def test_a_wrong_name_throughout_a_take_is_never_let_pass():
-    """A marker of sixty, in one of twenty takes, which are all else as they were."""
     there = np.full(60, 100)
     before = NameCounts(there, there, 0 * there)
     after = NameCounts(there, there - 100 * (np.arange(60) == 7), 100 * (np.arange(60) == 9))

@@ -24,10 +24,6 @@ FRAMES = 360
 LIMB = 5  # markers of each of the three segments of the moving chain
 
 
-def turned(vectors: np.ndarray) -> np.ndarray:
-    return exponential(vectors)[0]
-
-
 @pytest.fixture(scope="module")
 def chain() -> np.ndarray:
     """(T, 15, 3) m: three segments joined end to end that swing and go along, a little soft, with a little noise."""
@@ -37,7 +33,7 @@ def chain() -> np.ndarray:
     place, points = np.stack([time, 0.3 * np.sin(time), 0 * time], axis=1), []
     for index, form in enumerate(forms):
         bend = np.stack([np.sin((2 + index) * time), np.cos(3 * time + index), np.sin(time) + 0.4 * index], axis=1)
-        turn = turned(0.8 * bend)
+        turn = exponential(0.8 * bend)[0]
         soft = 0.004 * np.sin(5 * time)[:, None, None] * form
         points.append(place[:, None] + np.einsum("tij,tnj->tni", turn, form + soft))
         place = place + turn @ [0.3, 0, 0]
@@ -83,7 +79,7 @@ def test_measured_samples_stay_and_filled_ones_are_finite(chain, seed):
 
 @pytest.mark.parametrize("method", [method for method in FILL_METHODS if method != "body"])
 def test_what_is_filled_turns_and_moves_with_the_take(chain, method):
-    turn, place = turned(np.array([[0.3, -0.8, 2.0]]))[0], np.array([3.0, -2.0, 0.5])
+    turn, place = exponential(np.array([0.3, -0.8, 2.0]))[0], np.array([3.0, -2.0, 0.5])
     cut = holed(chain, (2, 100, 140), (3, 120, 130), (11, 200, 206))
     here = filled(cut, method=method)
     there = filled(cut @ turn.T + place, method=method)
@@ -305,10 +301,11 @@ CAMERAS = ring_rig(4)
 GAP = Gap(60, 120, 0)
 
 
-def path() -> np.ndarray:
-    """(T, 3) m, where a marker goes."""
-    time = np.arange(SHOT) / RATE
-    return np.column_stack([0.3 * np.sin(2 * time), 0.2 * time, 1 + 0.1 * np.cos(3 * time)])
+BESIDE = np.ones(SHOT, bool)
+BESIDE[GAP.start : GAP.stop] = False
+WAY = np.column_stack([0.3 * np.sin(2 * np.arange(SHOT) / RATE), 0.2 * np.arange(SHOT) / RATE, np.ones(SHOT)])
+# A fill whose error comes and goes, m.
+OFF = WAY[~BESIDE] + 0.01 * np.sin(np.linspace(0, np.pi, len(GAP) + 2))[1:-1, None] * [1.0, -0.5, 0.7]
 
 
 def seen_by(camera: int, xyz: np.ndarray, frames: np.ndarray) -> tuple[Blobs, Labels]:
@@ -321,76 +318,55 @@ def seen_by(camera: int, xyz: np.ndarray, frames: np.ndarray) -> tuple[Blobs, La
 
 def rays_at(xyz: np.ndarray) -> MarkerRays:
     """The rays of a marker that is in its gap where a path has it, for one camera."""
-    missing = np.zeros((SHOT, 2), bool)
-    missing[GAP.start : GAP.stop, 0] = True
+    missing = np.column_stack([~BESIDE, np.zeros(SHOT, bool)])
     return rays_of(*seen_by(1, xyz, GAP.frames), CAMERAS, missing)
 
 
-@pytest.fixture
-def rays():
-    return rays_at(path())
-
-
-def off_by(size: float = 0.01) -> np.ndarray:
-    """(L, 3) m, a fill that is off by an error that comes and goes."""
-    bump = np.sin(np.linspace(0, np.pi, len(GAP) + 2))[1:-1]
-    return path()[GAP.start : GAP.stop] + size * bump[:, None] * [1.0, -0.5, 0.7]
+RAYS = rays_at(WAY)
 
 
 def parts(fill: np.ndarray, rays: MarkerRays) -> tuple[np.ndarray, np.ndarray]:
     """m, how far a fill is off along the rays and across them."""
-    off = fill[rays.frame - GAP.start] - path()[rays.frame]
+    off = fill[rays.frame - GAP.start] - WAY[rays.frame]
     along = np.einsum("ki,ki->k", off, rays.direction)
     return np.abs(along), np.linalg.norm(off - along[:, None] * rays.direction, axis=1)
 
 
-def own() -> np.ndarray:
-    there = np.ones(SHOT, bool)
-    there[GAP.start : GAP.stop] = False
-    return there
-
-
-def test_a_fill_lies_on_the_rays_and_is_as_deep_as_before(rays):
-    before = off_by()
-    after, expected, count = constrained(before, GAP, 0.01, rays, own(), RATE)
-    assert count == len(GAP) == len(rays)
-    (deep, aside), (still_deep, left) = parts(before, rays), parts(after, rays)
+def test_a_fill_lies_on_the_rays_and_is_as_deep_as_before():
+    after, expected, count = constrained(OFF, GAP, 0.01, RAYS, BESIDE, RATE)
+    assert count == len(GAP) == len(RAYS)
+    (deep, aside), (still_deep, left) = parts(OFF, RAYS), parts(after, RAYS)
     assert left.max() < 0.1 * aside.max()
     np.testing.assert_allclose(still_deep, deep, atol=0.15 * deep.max())
     assert 0.003 < expected < 0.01
-    whole = np.concatenate([path()[[GAP.start - 1]], after, path()[[GAP.stop]]])
+    whole = np.concatenate([WAY[[GAP.start - 1]], after, WAY[[GAP.stop]]])
     jerk = np.linalg.norm(np.diff(whole, 2, axis=0), axis=1)
     assert jerk.max() < 0.001, "it meets its ends"
 
 
-def test_rays_of_some_frames_draw_their_neighbours_along_and_one_far_off_is_another_markers(rays):
-    some = MarkerRays(*(getattr(rays, name)[20:40] for name in ("marker", "frame", "origin", "direction", "spread")))
-    after, _, count = constrained(off_by(), GAP, 0.01, some, own(), RATE)
+def test_rays_of_some_frames_draw_their_neighbours_along_and_one_far_off_is_another_markers():
+    some = MarkerRays(*(getattr(RAYS, name)[20:40] for name in ("marker", "frame", "origin", "direction", "spread")))
+    after, _, count = constrained(OFF, GAP, 0.01, some, BESIDE, RATE)
     assert count == 20
-    steps = np.linalg.norm(np.diff(after - off_by(), axis=0), axis=1)
-    assert steps.max() < 0.003
+    assert np.linalg.norm(np.diff(after - OFF, axis=0), axis=1).max() < 0.003
     assert parts(after, some)[1].max() < 0.002
-    np.testing.assert_allclose(after[0], off_by()[0], atol=0.002)
-    wrong, fill = rays_at(path() + np.full(3, 0.2)), off_by()
-    after, expected, count = constrained(fill, GAP, 0.01, wrong, own(), RATE)
+    np.testing.assert_allclose(after[0], OFF[0], atol=0.002)
+    after, expected, count = constrained(OFF, GAP, 0.01, rays_at(WAY + 0.2), BESIDE, RATE)
     assert (count, expected) == (0, 0.01)
-    np.testing.assert_array_equal(after, fill)
+    np.testing.assert_array_equal(after, OFF)
 
 
 def test_only_a_blob_that_is_alone_makes_a_ray():
-    frames = np.arange(50, 70)
-    one, two = seen_by(0, path(), frames), seen_by(1, path(), frames[:5])
-    order = np.lexsort((np.r_[one[0].camera, two[0].camera], np.r_[one[0].frame, two[0].frame]))
-    parts = zip(
-        *([getattr(seen, name) for name in ("frame", "camera", "xy", "area")] for seen, _ in (one, two)), strict=True
-    )
-    blobs = Blobs(one[0].frames, *(np.concatenate(part)[order] for part in parts))
-    labels = Labels.join([one[1], two[1]])[order]
+    (one, first), (two, second) = seen_by(0, WAY, np.arange(50, 70)), seen_by(1, WAY, np.arange(50, 55))
+    order = np.argsort(np.r_[one.frame, two.frame], kind="stable")
+    columns = ("frame", "camera", "xy", "area")
+    joined = (np.concatenate([getattr(one, name), getattr(two, name)])[order] for name in columns)
+    blobs, labels = Blobs(one.frames, *joined), Labels.join([first, second])[order]
     missing = np.zeros((SHOT, 2), bool)
     missing[50:68] = True
     rays = rays_of(blobs, labels, CAMERAS, missing)
     assert rays.frame.tolist() == list(range(55, 68)), "where two cameras have one, and where it is measured, is none"
-    along = np.einsum("ki,ki->k", path()[rays.frame] - rays.origin, rays.direction)
-    np.testing.assert_allclose(rays.origin + along[:, None] * rays.direction, path()[rays.frame], atol=1e-6)
+    along = np.einsum("ki,ki->k", WAY[rays.frame] - rays.origin, rays.direction)
+    np.testing.assert_allclose(rays.origin + along[:, None] * rays.direction, WAY[rays.frame], atol=1e-6)
     nobody = Labels(np.full(len(blobs), NO_MARKER), labels.step, labels.confidence)
     assert len(rays_of(blobs, nobody, CAMERAS, missing)) == 0

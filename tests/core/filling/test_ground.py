@@ -42,10 +42,7 @@ def bend_leg(turns: np.ndarray, root: np.ndarray, foot: int, x: np.ndarray, z: n
 
 
 def walk(strides: int = 5, rise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joints and rotations of a walk along x on the floor z = 0, and (F, 2) whether left and right are planted.
-
-    Or on stairs that `rise` m in a stride.
-    """
+    """Joints and rotations of a walk along x, on stairs if so, and (F, 2) whether left and right are planted."""
     frames = np.arange(strides * STRIDE)
     turns = np.tile(np.eye(3), (len(frames), len(SEGMENTS), 1, 1))
     root = np.zeros((len(frames), 3))
@@ -61,16 +58,20 @@ def walk(strides: int = 5, rise: float = 0.0) -> tuple[np.ndarray, np.ndarray, n
     return chained(root, turns), turns, planted
 
 
-def wavering(turns: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same as posed on markers: slowly off by 0.3°, feet by 1.5°, as skin moves, with noise, and 12 mm low."""
-    rng, count = np.random.default_rng(0), len(turns)
+def wavering(**walking) -> tuple[np.ndarray, ...]:
+    """A walk as posed on markers: slowly off by 0.3°, feet by 1.5°, as skin moves, with noise, and 12 mm low.
+
+    Its joints and turns, where joints are in truth, and which feet are planted.
+    """
+    right, turns, planted = walk(**walking)
+    rng, count, root = np.random.default_rng(0), len(turns), right[:, 0]
     slow = np.cumsum(rng.normal(0, 1, (count, len(SEGMENTS), 3)), axis=0)
     slow -= np.linspace(0, 1, count)[:, None, None] * slow[-1]
     slow *= np.radians(0.3) / slow.std(axis=0)
     slow[:, FEET] *= 5
     off = slow + rng.normal(0, np.radians(0.1), slow.shape)
     turned = turns @ rotations.exponential(off)[0]
-    return chained(root + rng.normal(0, 0.0005, root.shape) - [0, 0, 0.012], turned), turned
+    return chained(root + rng.normal(0, 0.0005, root.shape) - [0, 0, 0.012], turned), turned, right, planted
 
 
 def points_of(joints: np.ndarray, turns: np.ndarray, side: int) -> np.ndarray:
@@ -95,8 +96,7 @@ def lowest(joints: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def test_planted_feet_hold_still_on_the_floor_and_nothing_else_changes():
-    right, turns, planted = walk()
-    joints, turned = wavering(turns, right[:, 0])
+    joints, turned, right, planted = wavering()
     assert np.median(slides(joints, turned, planted)) > 0.008
     assert (lowest(joints, turned) < -0.005).mean() > 0.5
     now, after = settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE)
@@ -127,8 +127,7 @@ def test_balls_of_planted_feet_are_equally_high_but_not_on_a_step(higher, rests)
 
 
 def test_feet_hold_still_on_stairs():
-    right, turns, planted = walk(rise=0.25)
-    joints, turned = wavering(turns, right[:, 0])
+    joints, turned, _, planted = wavering(rise=0.25)
     assert np.median(slides(joints, turned, planted)) > 0.008
     held = slides(*settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE), planted)
     assert np.quantile(held, 0.95) < 0.001
@@ -144,7 +143,7 @@ def test_what_stands_well_already_stays_as_it_is():
 
 
 def test_a_foot_that_is_held_up_a_floor_elsewhere_and_a_world_on_its_side():
-    joints, turns, planted = walk(2)
+    _, turns, _ = walk(2)
     turns[:] = turns[0]  # somebody stands with a knee up, and sways
     turns[:, 2], turns[:, 3:5] = about_y(np.array(-1.4)), about_y(np.array(0.1))
     root = np.zeros((len(turns), 3))
@@ -154,8 +153,7 @@ def test_a_foot_that_is_held_up_a_floor_elsewhere_and_a_world_on_its_side():
     now, _ = settled(swaying, turns, SEGMENTS, PARENTS, ENDS, RATE)
     assert np.ptp(now[:, 4, 1]) > 0.006
     assert np.ptp(now[20:-20, 7, 1]) < 1e-4
-    right, turns, planted = walk()
-    joints, turned = wavering(turns, right[:, 0])
+    joints, turned, _, planted = wavering()
     for off in (-0.7, 0.4):
         now, after = settled(np.add(joints, [0, 0, off]), turned, SEGMENTS, PARENTS, ENDS, RATE)
         assert np.quantile(slides(now, after, planted), 0.99) < 0.002
@@ -166,8 +164,7 @@ def test_a_foot_that_is_held_up_a_floor_elsewhere_and_a_world_on_its_side():
 
 
 def test_frames_without_a_body_stay_without_one_and_who_has_no_legs_as_they_are():
-    right, turns, _ = walk()
-    joints, turned = wavering(turns, right[:, 0])
+    joints, turned, _, _ = wavering()
     joints[130:134], turned[130:134] = np.nan, np.nan
     joints[:7], turned[:7] = np.nan, np.nan
     now, after = settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE)

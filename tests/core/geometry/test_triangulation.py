@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Markers in space from named blobs; rotations, the same as SciPy's; and the push on a force plate."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -53,9 +55,7 @@ def test_one_camera_none_and_parallel_rays_fix_no_point():
     centres = near.centres.copy()
     centres[1] = centres[0] + [0, 0, 0.01]
     rotation = np.repeat(near.rotation[:1], 2, axis=0)
-    pair = type(near)(
-        near.names, near.size, near.matrix, near.distortion, rotation, -np.einsum("cij,cj->ci", rotation, centres)
-    )
+    pair = replace(near, rotation=rotation, translation=-np.einsum("cij,cj->ci", rotation, centres))
     assert np.isnan(rays_to(np.array([[0.0, 0, 1]]), pair).meet(slots(1, 2)).points).all()
 
 

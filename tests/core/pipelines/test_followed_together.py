@@ -2,7 +2,7 @@
 """Blobs of two people named by their bodies: as well as by points, who is who in either way, and what a person said."""
 
 from contextlib import ExitStack
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,23 +11,16 @@ from addon.core.data.errors import ForceableError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs, LabelledChunk, Labels, Motion
 from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edit, Edits, Right, Swap
+from addon.core.pipelines import followed_together
 from addon.core.pipelines.blobs import with_edits
-from addon.core.pipelines.followed_together import (
-    ChunkInRoom,
-    Doubts,
-    FollowedTogether,
-    LookedAt,
-    SeveralBlobs,
-    SubjectsFollowed,
-    label_together,
-)
+from addon.core.pipelines.followed_together import FollowedTogether
 from addon.core.pipelines.several_through_points import SubjectsInImages, label_by_points, label_several_blobs
 from addon.core.points import possible
 from addon.core.points.several.parting import NO_BODY, along_the_line
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.io.tables import FileTable, Room
-from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, shot_of, truth_of
+from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, label, names_of, shot_of, truth_of
 from tests.core.scenes import keep, parts_of
 
 
@@ -43,8 +36,14 @@ def found(shot, model) -> FollowedTogether:
     return found
 
 
-def labelled(blobs: Blobs, asked: SeveralOptions, edits: Edits = NO_EDITS, by=label_several_blobs, named=NAMED):
-    return finished(by(SeveralBlobs(lambda: parts_of(blobs, CHUNK), CAMERAS, asked, replace(named, edits=edits), RATE)))
+@pytest.fixture(scope="module")
+def names(shot, found) -> np.ndarray:
+    """Of all blobs of the take."""
+    return names_of(found, chunks_of(found, shot[0]))
+
+
+def labelled(blobs: Blobs, asked: SeveralOptions, edits: Edits = NO_EDITS, by=label_several_blobs, **options):
+    return label(by, blobs, asked, edits=edits, **options)
 
 
 def chunks_of(found: FollowedTogether | SubjectsInImages, blobs: Blobs, edits: Edits = NO_EDITS) -> list[LabelledChunk]:
@@ -54,10 +53,6 @@ def chunks_of(found: FollowedTogether | SubjectsInImages, blobs: Blobs, edits: E
     return list(with_edits(few, work, edits, CAMERAS, found.worn) if edits else work)
 
 
-def names_of(found: FollowedTogether | SubjectsInImages, chunks: list[LabelledChunk]) -> np.ndarray:
-    return np.array([*found.worn.markers, ""], object)[np.concatenate([one.labels.marker for one in chunks])]
-
-
 def in_truth(names: np.ndarray, truth: np.ndarray, people: str) -> np.ndarray:
     """(N,) True for the names that are right, where 1 and 2 are those people."""
     own = [people["12".index(name[0])] + name[1:] if name else "?" for name in names]
@@ -65,7 +60,6 @@ def in_truth(names: np.ndarray, truth: np.ndarray, people: str) -> np.ndarray:
 
 
 def test_two_who_stay_are_named_without_the_points_of_all_frames_and_as_well(shot, model, found):
-    """Every body is the same one's in all chunks."""
     blobs, truth = shot
     chunks, points = chunks_of(found, blobs), labelled(blobs, SeveralOptions(model, 2), by=label_by_points)
     names, by_points = names_of(found, chunks), names_of(points, chunks_of(points, blobs))
@@ -80,7 +74,6 @@ def test_two_who_stay_are_named_without_the_points_of_all_frames_and_as_well(sho
     ("people", "apart"), [((1, 2), 0.6), ((2, 1), 0.6), ((1, 2), -0.6), ((3, 4), 0.7), ((4, 3), 0.7), ((5, 6), -0.7)]
 )
 def test_both_ways_count_them_alike_by_where_they_stand(model, people, apart):
-    """And whichever is generated first."""
     blobs, truth = shot_of(model, people, apart)
     first = people if apart > 0 else people[::-1]
     for by, kind in ((label_several_blobs, FollowedTogether), (label_by_points, SubjectsInImages)):
@@ -119,10 +112,8 @@ def trail_of(blobs: Blobs, names: np.ndarray, name: str, camera: int, frames: tu
     return AssignBlob(marker=to, **where, frames=frames, trail=trail)
 
 
-def test_an_edit_of_what_bodies_named_lands_on_that_person_and_bodies_hear_it(shot, model, found):
-    """Markers exchanged in some frames have the other's names there, and hardly anything else has another name."""
+def test_an_edit_of_what_bodies_named_lands_on_that_person_and_bodies_hear_it(shot, model, names):
     blobs = shot[0]
-    names = names_of(found, chunks_of(found, blobs))
     for person in "12":
         one, other = f"{person}:LKNE", f"{person}:LANK"
         edits = Edits((Swap((one, other), frames=(18, 24)),))
@@ -137,10 +128,9 @@ def test_an_edit_of_what_bodies_named_lands_on_that_person_and_bodies_hear_it(sh
         assert not truth_of(now, "?").any()
 
 
-def test_named_blobs_are_seeds_of_the_bodies(shot, model, found):
+def test_named_blobs_are_seeds_of_the_bodies(shot, model, found, names):
     """What is too far off to have a name is so named already where the edits are yet to be applied."""
     blobs = shot[0]
-    names = names_of(found, chunks_of(found, blobs))
     camera = int(np.bincount(blobs.camera[names == "1:LTHI"]).argmax())
     own = (names == "1:LTHI") & (blobs.camera == camera) & (blobs.frame >= 19) & (blobs.frame < 30)
     off = replace(blobs, xy=blobs.xy + 6.0 * own[:, None])
@@ -155,19 +145,18 @@ def test_named_blobs_are_seeds_of_the_bodies(shot, model, found):
     assert (marker[~own] == before[~own]).mean() > 0.99
 
 
-def test_where_bodies_do_not_go_with_edits_names_and_numbers_stay_as_they_were(shot, model, found):
+def test_where_bodies_do_not_go_with_edits_names_and_numbers_stay_as_they_were(shot, model, names):
     """Two who are each other in some frames by all of their markers: nobody gets there between two frames."""
     blobs = shot[0]
-    before = names_of(found, chunks_of(found, blobs))
     markers = model.markerset.markers
     edits = Edits(tuple(Swap((f"1:{name}", f"2:{name}"), frames=(5, 12)) for name in markers))
     again = labelled(blobs, SeveralOptions(model, 2), edits)
     assert isinstance(again, FollowedTogether)
     now = names_of(again, chunks_of(again, blobs, edits))
     inside = (blobs.frame >= 4) & (blobs.frame < 12)
-    exchanged = np.array(["21"["12".index(name[0])] + name[1:] if name else "" for name in before], object)
+    exchanged = np.array(["21"["12".index(name[0])] + name[1:] if name else "" for name in names], object)
     assert (now[inside] == exchanged[inside]).all()
-    assert (now[~inside] == before[~inside]).all()
+    assert (now[~inside] == names[~inside]).all()
 
 
 def test_an_edit_of_who_enters_later_is_for_the_points(model):
@@ -180,7 +169,7 @@ def test_an_edit_of_who_enters_later_is_for_the_points(model):
 
 
 def test_a_chunk_too_short_to_look_beside_a_frame_goes_by_that_frame_alone(shot, model, monkeypatch):
-    own, looks = SubjectsFollowed._sure_names, []
+    own, looks = followed_together.SubjectsFollowed._sure_names, []
 
     def one_wrong(self, points, groups):
         found = own(self, points, groups)
@@ -190,11 +179,13 @@ def test_a_chunk_too_short_to_look_beside_a_frame_goes_by_that_frame_alone(shot,
         looks.append(len(points))
         return found
 
-    monkeypatch.setattr(SubjectsFollowed, "_sure_names", one_wrong)
+    monkeypatch.setattr(followed_together.SubjectsFollowed, "_sure_names", one_wrong)
     ends = ((1, 36), (37, 40))
     asked = SeveralOptions(model, 2)
-    take = SeveralBlobs(lambda: ((shot[0].between(*e), e[1] / FRAMES) for e in ends), CAMERAS, asked, NAMED, RATE)
-    assert isinstance(finished(label_together(take)), FollowedTogether)
+    take = followed_together.SeveralBlobs(
+        lambda: ((shot[0].between(*e), e[1] / FRAMES) for e in ends), CAMERAS, asked, NAMED, RATE
+    )
+    assert isinstance(finished(followed_together.label_together(take)), FollowedTogether)
     assert len(looks) == len(ends)
 
 
@@ -203,12 +194,11 @@ def test_a_rate_that_cannot_be_is_refused_unless_it_is_forced(shot, model, monke
     monkeypatch.setattr(possible, "POSSIBLE", replace(possible.POSSIBLE, gravities=0.01))
     with pytest.raises(ForceableError, match="a rate that cannot be"):
         labelled(shot[0], asked)
-    assert isinstance(labelled(shot[0], asked, named=replace(NAMED, force=True)), FollowedTogether)
+    assert isinstance(labelled(shot[0], asked, force=True), FollowedTogether)
 
 
 @pytest.mark.parametrize("case", ["leaves", "three", "ensemble", "target", "one", "two models", "two cameras", "slow"])
 def test_points_name_what_bodies_cannot(shot, model, case):
-    """Progress goes from 0 to 1 once all the same."""
     blobs, truth = shot
     count = {"three": 3, "one": 1}.get(case, 2)
     asked, rate = SeveralOptions(model, count), 10.0 if case == "slow" else RATE
@@ -222,7 +212,9 @@ def test_points_name_what_bodies_cannot(shot, model, case):
         asked = SeveralOptions(subjects=(Wearer("ann", model), Wearer("bob", replace(model, fingerprint="another"))))
     named = {"ensemble": PointOptions("ensemble"), "target": PointOptions("likelihood", 0.99)}.get(case, NAMED)
     shares = []
-    for step in label_several_blobs(SeveralBlobs(lambda: parts_of(blobs, CHUNK), cameras, asked, named, rate)):
+    for step in label_several_blobs(
+        followed_together.SeveralBlobs(lambda: parts_of(blobs, CHUNK), cameras, asked, named, rate)
+    ):
         shares.append(step.fraction)
         if step.note.startswith("reconstruct"):
             break
@@ -245,7 +237,9 @@ def test_bodies_find_out_how_many_there_are_and_take_names_in_their_order(shot, 
 
 
 def test_progress_goes_from_nothing_to_all(shot, model):
-    take = SeveralBlobs(lambda: parts_of(shot[0], CHUNK), CAMERAS, SeveralOptions(model, 2), NAMED, RATE)
+    take = followed_together.SeveralBlobs(
+        lambda: parts_of(shot[0], CHUNK), CAMERAS, SeveralOptions(model, 2), NAMED, RATE
+    )
     steps = list(label_several_blobs(take))
     assert [step.fraction for step in steps] == [share for _, share in parts_of(shot[0], CHUNK)]
 
@@ -253,29 +247,24 @@ def test_progress_goes_from_nothing_to_all(shot, model):
 def test_a_chunk_in_a_room_is_what_it_was_and_not_held(shot, found):
     chunk = chunks_of(found, shot[0])[0]
     with ExitStack() as stack:
-        kept = ChunkInRoom.of(replace(chunk, unedited=chunk.labels), Room(stack, 0))
+        kept = followed_together.ChunkInRoom.of(replace(chunk, unedited=chunk.labels), Room(stack, 0))
         assert all(isinstance(table, FileTable) for table in (kept.labels, kept.motion, kept.unedited))
         again = kept.read()
-    for kind, one, other in (
-        (Labels, chunk.labels, again.labels),
-        (Labels, chunk.labels, again.unedited),
-        (Motion, chunk.motion, again.motion),
-    ):
-        for field in fields(kind):
-            before, now = getattr(one, field.name), getattr(other, field.name)
+    for one, other in ((chunk.labels, again.labels), (chunk.labels, again.unedited), (chunk.motion, again.motion)):
+        for name, before in vars(one).items():
+            now = getattr(other, name)
             assert (now is None) == (before is None)
             if before is not None:
                 np.testing.assert_allclose(now, before, rtol=0, atol=1e-5)
-    nothing = replace(
-        chunk, labels=Labels.none(0), motion=Motion(**{name: one[:0] for name, one in vars(chunk.motion).items()})
-    )
-    assert len(ChunkInRoom.of(nothing, Room(ExitStack(), 0)).read().labels.marker) == 0
+    gone = Motion(**{name: one[:0] for name, one in vars(chunk.motion).items()})
+    nothing = replace(chunk, labels=Labels.none(0), motion=gone)
+    assert len(followed_together.ChunkInRoom.of(nothing, Room(ExitStack(), 0)).read().labels.marker) == 0
 
 
 def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them():
     """Four points of two in two cameras, of which a frame is sure; each has the markers 0 and 1."""
     slots = np.array([[0, 0], [1, 1], [2, 2], [3, 3]])
-    look = LookedAt(0, slots, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]))
+    look = followed_together.LookedAt(0, slots, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]))
     for owners, contradicted, explained in (
         ([0, 1, 2, 3], [0, 0, 0, 0], [1, 1, 1, 1]),
         ([2, 3, 0, 1], [0, 0, 0, 0], [1, 1, 1, 1]),
@@ -287,7 +276,7 @@ def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them(
         assert look.contradicted(owner, 2).tolist() == list(map(bool, contradicted))
         assert look.explained(owner, 2).tolist() == list(map(bool, explained))
     assert look.explained(np.array([[0, 1, 2, 3], [0, 1, 2, 1]]), 2).tolist() == [True, True, True, False]
-    doubts = Doubts([look], 2)
+    doubts = followed_together.Doubts([look], 2)
     for start, counted in ((-1, 2), (-1, 2), (3, 0)):  # seen from both sides it is the frame that errs
         doubts.begin(start)
         doubts.add(0, np.array([[1, 0, 2, 3]] * 2))
@@ -298,9 +287,9 @@ def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them(
 
 def test_what_a_frame_beside_says_alike_is_no_error_of_one_frame_unless_both_sides_deny_it():
     slots, group, marker = np.array([[0, 0], [1, 1], [2, 2], [3, 3]]), np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
-    look, beside = (LookedAt(at, slots, group, marker) for at in (0, 2))
+    look, beside = (followed_together.LookedAt(at, slots, group, marker) for at in (0, 2))
     right, wrong = (np.array([owners] * 2) for owners in ([0, 1, 2, 3], [1, 0, 2, 3]))
-    doubts = Doubts([look], 2)
+    doubts = followed_together.Doubts([look], 2)
     doubts.begin(4)
     doubts.add(0, wrong)
     doubts.confirm(0, wrong, beside, right)

@@ -8,21 +8,18 @@ import pytest
 
 from addon.core.blobs.pipeline import label_take
 from addon.core.data.errors import InputError, JobError
-from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
 from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
-from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.fitted_subjects import FollowedSubjects
 from addon.core.pipelines.others import OtherSubjects, refuse_two
-from addon.core.pipelines.several_through_points import PointsOfBlobs, SeveralBlobs, SubjectsInImages, label_by_points
+from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_by_points
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
-from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
-from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, shot_of, truth_of
+from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, RATE, label, names_of, shot_of, truth_of
 from tests.core.scenes import abreast, cut, parts_of
 
 
@@ -31,16 +28,9 @@ def shot(model):
     return shot_of(model)
 
 
-def label(blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
-    """Some of the blobs of the take, labelled."""
-    take = SeveralBlobs(lambda: parts_of(blobs, CHUNK), CAMERAS, asked, replace(NAMED, **options), RATE)
-    return finished(label_by_points(take))
-
-
 def named(found: SubjectsInImages, blobs: Blobs) -> tuple[np.ndarray, list]:
     chunks = list(found.chunks(part for part, _ in parts_of(blobs, CHUNK)))
-    marker = np.concatenate([chunk.labels.marker for chunk in chunks])
-    return np.array([*found.worn.markers, ""], object)[marker], chunks
+    return names_of(found, chunks), chunks
 
 
 def swapped(truth: np.ndarray) -> np.ndarray:
@@ -49,7 +39,7 @@ def swapped(truth: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def found(shot, model) -> SubjectsInImages:
-    return label(shot[0], SeveralOptions(model, 2))
+    return label(label_by_points, shot[0], SeveralOptions(model, 2))
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +54,7 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
     blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))  # the set's model knows neither
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
-    found = label(blobs, asked)
+    found = label(label_by_points, blobs, asked)
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
     assert found.worn.markers == tuple(f"ann:{name}" for name in model.markerset.markers)
     names, chunks = named(found, blobs)
@@ -81,30 +71,19 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
 
 
 def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
-    """Whoever else is there is no reason to say that she is."""
     blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
-    names, _ = named(label(blobs, asked), blobs)
+    names, _ = named(label(label_by_points, blobs, asked), blobs)
     hers = max("12", key=lambda one: ((names != "") & truth_of(truth, one)).sum())
     kept = ~(truth_of(truth, hers) & (blobs.frame >= 22))
     few = blobs.part(slice(0, FRAMES), kept)
-    found = label(few, asked)
+    found = label(label_by_points, few, asked)
     assert len(found.labelled.worn.subjects) == 2
     _, chunks = named(found, few)
     confidence = np.concatenate([chunk.motion.confidence for chunk in chunks])
     assert (confidence[:20] > 0).all()
     assert (confidence[-15:] == 0).all()
-
-
-def test_as_many_as_are_asked_for_have_names_and_others_are_in_the_way(shot, model):
-    blobs = shot[0]
-    found = label(blobs, SeveralOptions(model, 1))
-    assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
-    assert found.worn.markers == tuple(f"1:{name}" for name in model.markerset.markers)
-    names, chunks = named(found, blobs)
-    assert set(names) == {"", *found.worn.markers}
-    assert chunks[0].motion.markers.shape == (16, 15, 3)
 
 
 def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
@@ -113,7 +92,7 @@ def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
     camera = np.bincount(blobs.camera[lost]).argmax()
     kept = ~lost | (blobs.camera == camera)
     few, truth = blobs.part(slice(0, FRAMES), kept), truth[kept]
-    again = label(few, SeveralOptions(model, 2))
+    again = label(label_by_points, few, SeveralOptions(model, 2))
     names, _ = named(again, few)
     other = (names != truth).sum() > (names != swapped(truth)).sum()
     expected = "2:LKNE" if other else "1:LKNE"
@@ -146,7 +125,7 @@ def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, f
     trail = np.column_stack([blobs.frames[blobs.frame[rows]], blobs.xy[rows]])
     where = {"camera": CAMERAS.names[camera], "frame": int(trail[0, 0]), "x": trail[0, 1], "y": trail[0, 2]}
     edits = Edits((AssignBlob(marker="2:LTHI", **where, frames=(1, FRAMES), trail=trail),))
-    again = label(blobs, SeveralOptions(model, 2), edits=edits)
+    again = label(label_by_points, blobs, SeveralOptions(model, 2), edits=edits)
     names = again.worn.by_name
     before, now = found.labelled.labels.marker, again.labelled.labels.marker
     point = (before == names["1:LTHI"]) & (now == names["2:LTHI"])
@@ -164,7 +143,7 @@ def test_an_edit_of_somebody_who_is_not_there_is_told_by_its_own_number(shot, mo
     where = {"camera": CAMERAS.names[blobs.camera[row]], "frame": 10, "x": blobs.xy[row, 0], "y": blobs.xy[row, 1]}
     edits = Edits((Place("1:LKNE", 10, (0.0, 0.0, 1.0)), AssignBlob(marker="3:LKNE", **where)))
     with pytest.raises(InputError, match="edit 2 names '3:LKNE'"):
-        label(blobs, SeveralOptions(model), edits=edits)
+        label(label_by_points, blobs, SeveralOptions(model), edits=edits)
 
 
 def test_a_blob_that_is_off_its_point_has_no_name(shot, found, labelled):
@@ -209,58 +188,53 @@ def test_bodies_follow_who_is_said_to_be_the_other(shot, found, labelled):
 QUIET = CaptureOptions(seed=3)
 
 
-@pytest.fixture(scope="module")
-def cameras():
-    return ring_rig(8, (1280, 1024), 4.0, 2.2, 1.6)
-
-
-def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureOptions = QUIET) -> Blobs:
+def blobs_of(model, people: tuple[int, ...], options: CaptureOptions = QUIET) -> Blobs:
     """What cameras see of people, by their seeds, who walk side by side, 0.8 m apart."""
-    return abreast(model.markerset, people, FRAMES, RATE, 0.8, cameras, options).blobs
+    return abreast(model.markerset, people, FRAMES, RATE, 0.8, CAMERAS, options).blobs
 
 
-def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
+def looked_at(blobs: Blobs, model) -> OtherSubjects:
     """A take that was labelled as one subject's, and looked at."""
-    others = OtherSubjects(cameras, model)
+    others = OtherSubjects(CAMERAS, model)
     parts = cut(blobs, CHUNK)
-    for part, chunk in zip(parts, label_take(parts, cameras, model.markerset, RATE), strict=True):
+    for part, chunk in zip(parts, label_take(parts, CAMERAS, model.markerset, RATE), strict=True):
         others.add(part, chunk)
     return others
 
 
-def test_two_are_told_before_any_of_the_take_is_named(model, cameras):
+def test_two_are_told_before_any_of_the_take_is_named(model):
     with pytest.raises(SubjectsError, match=r"two subjects or more that wear gait15"):
-        refuse_two(lambda: cut(blobs_of(model, cameras, (1, 2)), CHUNK), cameras, model)
+        refuse_two(lambda: cut(blobs_of(model, (1, 2)), CHUNK), CAMERAS, model)
 
 
 @pytest.mark.parametrize(("reflections", "read"), [(2, 1), (30, 2)])
-def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model, cameras, reflections, read):
-    parts, begun = cut(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections)), CHUNK), []
+def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model, reflections, read):
+    parts, begun = cut(blobs_of(model, (1,), replace(QUIET, reflections=reflections)), CHUNK), []
 
     def reading():
         begun.append(1)
         return iter(parts)
 
-    refuse_two(reading, cameras, model)
+    refuse_two(reading, CAMERAS, model)
     assert len(begun) <= read
 
 
-def test_who_leaves_soon_is_not_told_before(model, cameras):
-    both, alone = blobs_of(model, cameras, (1, 2)), blobs_of(model, cameras, (1,))
+def test_who_leaves_soon_is_not_told_before(model):
+    both, alone = blobs_of(model, (1, 2)), blobs_of(model, (1,))
     early = Blobs.join([both.between(1, 10), alone.between(11, FRAMES)])
-    refuse_two(lambda: cut(early, CHUNK), cameras, model)
+    refuse_two(lambda: cut(early, CHUNK), CAMERAS, model)
 
 
 @pytest.mark.parametrize("reflections", [2, 30])
-def test_one_among_ghosts_is_not(model, cameras, reflections):
-    others = looked_at(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections)), cameras, model)
+def test_one_among_ghosts_is_not(model, reflections):
+    others = looked_at(blobs_of(model, (1,), replace(QUIET, reflections=reflections)), model)
     assert bool([one for one in others.kept if one is not None]) == (reflections == 30)
     others.refuse()
 
 
-def test_who_is_beside_for_a_moment_is_not(model, cameras):
-    both, alone = blobs_of(model, cameras, (1, 2)), blobs_of(model, cameras, (1,))
+def test_who_is_beside_for_a_moment_is_not(model):
+    both, alone = blobs_of(model, (1, 2)), blobs_of(model, (1,))
     late = Blobs.join([alone.between(1, 30), both.between(31, FRAMES)])
-    others = looked_at(late, cameras, model)
+    others = looked_at(late, model)
     assert any(one is not None for one in others.kept)
     others.refuse()

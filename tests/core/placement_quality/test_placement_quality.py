@@ -36,16 +36,9 @@ def prop(places: np.ndarray) -> MarkerSet:
     )
 
 
-def random_shape() -> Shape:
-    generator = np.random.default_rng(0)
-    mean = generator.standard_normal((7, 3)) * [0.1, 0.1, 0.2]
-    return Shape(mean, 0.04 * generator.standard_normal((7, 3, 3)), generator.uniform(2e-4, 8e-4, 7))
-
-
 def layout_of(shape: Shape) -> MarkerLayout:
-    """MarkerLayout by a thing that has as many markers."""
-    made = marker_layout(prop(shape.mean))
-    return replace(made, shape=shape)
+    """That of a thing that has as many markers."""
+    return replace(marker_layout(prop(shape.mean)), shape=shape)
 
 
 def test_a_kite_is_good_and_a_square_is_bad_the_same_from_four_sides_where_it_is_exact():
@@ -62,7 +55,9 @@ def test_a_kite_is_good_and_a_square_is_bad_the_same_from_four_sides_where_it_is
 
 
 def test_an_exchange_is_as_ambiguous_as_gaussians_with_it_made_overlap():
-    shape = random_shape()
+    generator = np.random.default_rng(0)
+    mean = generator.standard_normal((7, 3)) * [0.1, 0.1, 0.2]
+    shape = Shape(mean, 0.04 * generator.standard_normal((7, 3, 3)), generator.uniform(2e-4, 8e-4, 7))
     stiff = replace(shape, modes=np.zeros((7, 3, 1)))
     order = np.arange(7)
     order[[1, 4]] = 4, 1
@@ -100,16 +95,11 @@ def test_an_edited_set_keeps_what_was_learned_of_its_base():
     assert np.linalg.norm(found.shape.mean[-1] - drawn.shape.mean[5]) == pytest.approx(0.017 * 3**0.5, rel=0.1)
 
 
-@pytest.fixture(scope="module")
-def crowded() -> MarkerLayout:
-    """The thigh's marker sits too near to the knee's."""
+def test_advice_makes_the_worst_pair_clearer_and_nothing_worse():
+    """Where the thigh's marker sits too near to the knee's."""
     toy = toy_markerset()
-    offsets = toy.offsets.copy()
-    offsets[toy.markers.index("LTHI")] = [0.0, 0.047, -0.22]
-    return marker_layout(replace(toy, offsets=offsets))
-
-
-def test_advice_makes_the_worst_pair_clearer_and_nothing_worse(crowded):
+    toy.offsets[toy.index("LTHI")] = [0.0, 0.047, -0.22]
+    crowded = marker_layout(toy)
     before = judge(crowded)
     assert {before.markers[index] for index in before.worst()[0]} == {"LTHI", "LKNE"}
     [(advice, after)] = advise(crowded, goal=5, steps=1, keep=["LKNE"])

@@ -155,44 +155,39 @@ TARGET = 0.999
 FRAMES = 50
 
 
-def votes(points: int, confidence: float, sure: np.ndarray | None = None) -> tuple[Labels, np.ndarray]:
-    """Frames of `points` trajectories, the first three of which are named; sure (F, 3) of it where asked."""
+def decided_of(model, points: int, sure: np.ndarray | float = 0.0) -> np.ndarray:
+    """Markers by frames of so many trajectories, the first three of which are named; `sure` (F, 3) of it."""
     marker = np.full((FRAMES, points), NO_MARKER)
     marker[:, :NAMED] = range(NAMED)
-    chance = np.where(marker == NO_MARKER, 0.0, confidence)
     rate = np.zeros(marker.shape)
-    if sure is not None:
-        rate[:, :NAMED] = sure
-    step = np.where(marker == NO_MARKER, 0, BY_LIKELIHOOD)
-    return Labels(marker, step, chance, rate), np.broadcast_to(np.arange(points), marker.shape)
+    rate[:, :NAMED] = sure
+    given = replace(labelled(marker, np.where(marker == NO_MARKER, 0.0, 0.95)), rate=rate)
+    return decide(given, np.broadcast_to(np.arange(points), marker.shape), model, TARGET, 0).labels.marker
 
 
 def test_frames_none_of_which_is_sure_name_a_trajectory_but_not_among_many_more_points_than_markers(model):
-    decided = decide(*votes(20, 0.95), model, TARGET, 0).labels
-    assert decided.marker[:, :3].tolist() == [[0, 1, 2]] * FRAMES
+    assert (decided_of(model, 20)[:, :3] == [0, 1, 2]).all()
     # A point that is no marker may sit like one in every frame of a crowd: its frames are not so many witnesses.
-    decided = decide(*votes(30, 0.95), model, TARGET, 0).labels
-    assert (decided.marker == NO_MARKER).all()
+    assert (decided_of(model, 30) == NO_MARKER).all()
 
 
 def test_in_a_crowd_sure_frames_carry_the_others_of_one_subject_where_they_are_a_quarter(model):
     sure = np.ones((FRAMES, 3))
     sure[::3, 0] = 0  # most frames of the first are sure
     sure[5:, 1] = 0  # few of the second are
-    decided = decide(*votes(30, 0.95, sure), model, TARGET, 0).labels
-    assert (decided.marker[:, 0] == 0).all()
-    assert (decided.marker[:5, 1] == 1).all() and (decided.marker[5:, 1] == NO_MARKER).all()
-    assert (decided.marker[:, 2] == 2).all()
-    likelihood = replace(model.likelihood, subjects=1)
-    alone = replace(model, likelihood=likelihood)
+    decided = decided_of(model, 30, sure)
+    assert (decided[:, 0] == 0).all()
+    assert (decided[:5, 1] == 1).all() and (decided[5:, 1] == NO_MARKER).all()
+    assert (decided[:, 2] == 2).all()
+    alone = replace(model, likelihood=replace(model.likelihood, subjects=1))
     sure = np.zeros((FRAMES, 3))
     sure[: FRAMES // 2, 0] = 1
     sure[: FRAMES // 10, 1] = 1
-    decided = decide(*votes(20, 0.95, sure), alone, TARGET, 0).labels
-    assert (decided.marker[:, 0] == 0).all()
-    assert (decided.marker[: FRAMES // 10, 1] == 1).all() and (decided.marker[FRAMES // 10 :, 1] == NO_MARKER).all()
-    assert (decided.marker[:, 2] == NO_MARKER).all()
-    assert (decide(*votes(20, 0.95, sure), model, TARGET, 0).labels.marker[:, :3] == [0, 1, 2]).all()
+    decided = decided_of(alone, 20, sure)
+    assert (decided[:, 0] == 0).all()
+    assert (decided[: FRAMES // 10, 1] == 1).all() and (decided[FRAMES // 10 :, 1] == NO_MARKER).all()
+    assert (decided[:, 2] == NO_MARKER).all()
+    assert (decided_of(model, 20, sure)[:, :3] == [0, 1, 2]).all()
 
 
 LENGTH = 120
@@ -223,18 +218,11 @@ def both(points: np.ndarray) -> tuple[Points, Points]:
 def edits_of(take: Points, model) -> Edits:
     """What a person may have said of a take, of which the trajectories are of its file."""
     there = [number for number, span, _ in take.standing.each_alone() if span.stop - span.start > 15]
-    names = model.markerset.markers
-    point = [int(take.columns[number]) for number in there[:6]]
-    return Edits(
-        (
-            AssignPoint(point[0], names[0]),
-            UnlabelPoint(point[1], frames=(10, 100)),
-            Delete(point[2]),
-            Swap(("LKNE", "RKNE"), frames=(40, 70)),
-            Right("SACR", frames=(20, 90)),
-            AssignPoint(point[3], names[3], frames=(7, 60)),
-        )
-    )
+    names, point = model.markerset.markers, [int(take.columns[number]) for number in there[:6]]
+    gone = UnlabelPoint(point[1], frames=(10, 100)), Delete(point[2])
+    right = Swap(("LKNE", "RKNE"), frames=(40, 70)), Right("SACR", frames=(20, 90))
+    named = AssignPoint(point[0], names[0]), AssignPoint(point[3], names[3], frames=(7, 60))
+    return Edits((*gone, *right, *named))
 
 
 @pytest.mark.parametrize("edited", [False, True])
@@ -250,14 +238,12 @@ def test_lanes_change_nothing_of_what_is_said(model, points, edited):
     assert both(points)[1].lanes.count < points.shape[1] / 2
     least = 0.4 if edited else 0.7  # these edits contradict what is seen
     assert (chunk.labels.marker != NO_MARKER).sum() > least * LENGTH * 15
-    for name in ("frame", "trajectory", "xyz", "residual"):
-        np.testing.assert_array_equal(getattr(rows, name), getattr(rows_too, name))
-    for name in ("marker", "step", "confidence"):
-        np.testing.assert_array_equal(getattr(chunk.labels, name), getattr(chunk_too.labels, name))
+    for one, other in ((rows, rows_too), (chunk.labels, chunk_too.labels)):
+        for name in vars(one):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
     for name in vars(chunk.motion):  # a mean over lanes differs in the last digit
         np.testing.assert_allclose(getattr(chunk.motion, name), getattr(chunk_too.motion, name), rtol=0, atol=1e-12)
-    assert chunk.suspects == chunk_too.suspects
-    assert chunk.outcomes == chunk_too.outcomes
+    assert (chunk.suspects, chunk.outcomes) == (chunk_too.suspects, chunk_too.outcomes)
     assert written.names == written_too.names
     np.testing.assert_array_equal(written.xyz[0:LENGTH], written_too.xyz[0:LENGTH])
     np.testing.assert_array_equal(written.residual[3], written_too.residual[3])

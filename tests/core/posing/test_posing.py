@@ -2,7 +2,6 @@
 """The body model, what is known of people, a body on named points, and as a character's bones."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,8 +26,7 @@ from tests.core.scenes import person_of
 from tests.core.toybody import toy_markerset
 from tests.inputs.worn import FINGERS, with_fingers, with_markers
 
-PEOPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "people"
-needs_people = pytest.mark.skipif(not PEOPLE.is_dir(), reason="the recorded people are not beside the project")
+TOY = BodyModel(toy_markerset())
 
 
 @pytest.fixture(scope="module")
@@ -126,20 +124,15 @@ def test_who_lies_or_lacks_markers_is_posed_where_there_are_enough_and_no_wrong_
     assert np.median(found[20]) < 0.01
 
 
-def person_points(markerset, stem: str) -> np.ndarray:
-    names, points, _ = learn_markersets.read_c3d(PEOPLE / "mcgill" / stem[:6] / f"{stem}.c3d")
-    return np.stack([points[:, names.index(name)] for name in markerset.markers], axis=1)
-
-
-@needs_people
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["gait15", "body26"])
-def test_people_who_were_not_learned_from_are_posed_within_15_mm(name):
-    left_out = ("HC002D", "HC033A", "HC044A")
-    markerset = learn(learn_markersets.read_people(PEOPLE, left_out), name)
+def test_people_who_were_not_learned_from_are_posed_within_15_mm(name, shared_data):
+    people = shared_data / "people"
+    markerset = learn(learn_markersets.read_people(people, ("HC002D", "HC033A", "HC044A")), name)
     model = BodyModel(markerset)
     for stem in ("HC002D02", "HC002D06", "HC044A29"):
-        points = person_points(markerset, stem)
+        names, points, _ = learn_markersets.read_c3d(people / "mcgill" / stem[:6] / f"{stem}.c3d")
+        points = points[:, [names.index(name) for name in markerset.markers]]
         away = off(model, fit_points(model, points), points)
         assert np.nanmedian(away) < 0.005, stem
         assert np.nanpercentile(away, 99) < 0.015, stem
@@ -192,10 +185,9 @@ def test_a_lower_body_has_hips_and_legs_and_who_was_not_found_is_nowhere():
     assert character.names[0] == "hips"
     assert {name.partition(".")[0] for name in character.names[1:]} == {"thigh", "shank", "foot", "toes"}
     markerset = open_markerset("actor41")
-    character, count = character_of(*at_rest(markerset)), len(markerset.skeleton)
-    turns = rotations.exponential(np.full((1, count, 3), np.nan))[0]
-    heads, _ = character.posed(np.full((1, count, 3), np.nan), turns)
-    assert np.isnan(heads).all()
+    character = character_of(*at_rest(markerset))
+    nowhere = np.full((1, len(markerset.skeleton), 3), np.nan)
+    assert np.isnan(character.posed(nowhere, rotations.exponential(nowhere)[0])[0]).all()
     bodies = finer(markerset)
     own = character_of(*at_rest(bodies))
     assert own.names == character.names
@@ -207,57 +199,9 @@ def test_a_lower_body_has_hips_and_legs_and_who_was_not_found_is_nowhere():
 seeds = st.integers(0, 2**32 - 1)
 
 
-def differences(bodies, pose, columns: int, step: float = 1e-6) -> np.ndarray:
-    """(B, M, 3, columns) slopes of the markers by moving every parameter both ways."""
-    slopes = []
-    for column in range(columns):
-        move = np.zeros((len(bodies), columns))
-        move[:, column] = step
-        slopes.append((pose(bodies.moved(move)) - pose(bodies.moved(-move))) / (2 * step))
-    return np.stack(slopes, axis=-1)
-
-
-@settings(max_examples=15, deadline=None)
-@given(seed=seeds)
-def test_derivatives_are_those_of_the_markers(seed):
-    toy = BodyModel(toy_markerset())
-    bodies = some_bodies(toy, seed)
-    bodies = replace(bodies, own=np.random.default_rng(seed).normal(0, 0.02, bodies.own.shape))
-    posed, columns = toy.derivatives(bodies)
-    np.testing.assert_allclose(posed.markers, toy.pose(bodies).markers, atol=1e-12)
-    expected = differences(bodies, lambda moved: toy.pose(moved).markers, toy.parameters)
-    np.testing.assert_allclose(columns, expected, atol=1e-7)
-
-
-def test_bending_an_elbow_moves_only_what_it_carries():
-    toy = BodyModel(toy_markerset())
-    bent = toy.rest(1)
-    elbow = toy.markerset.skeleton.segments.index("forearm.L")
-    bent.bends[0, elbow] = [0, -1, 0]
-    moved = np.linalg.norm(toy.pose(bent).markers - toy.pose(toy.rest(1)).markers, axis=2)[0]
-    carried = toy.attachment == elbow
-    assert (moved[carried] > 0.05).all()
-    np.testing.assert_allclose(moved[~carried], 0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["gait15", "body26", "body39", "actor41", "actor53"])
-def test_rest_pose_reproduces_the_marker_table(name):
-    """Checklist A1."""
-    markerset = open_markerset(name)
-    posed = BodyModel(markerset).pose(BodyModel(markerset).rest())
-    np.testing.assert_allclose(posed.markers[0], markerset.rest_markers, atol=1e-6)
-    np.testing.assert_allclose(posed.joints[0], markerset.skeleton.rest_joints, atol=1e-6)
-    np.testing.assert_allclose(posed.rotations[0], np.broadcast_to(np.eye(3), posed.rotations[0].shape), atol=1e-12)
-
-
-@pytest.fixture(scope="module")
-def toy():
-    return BodyModel(toy_markerset())
-
-
-def some_bodies(toy: BodyModel, seed: int) -> Bodies:
+def some_bodies(seed: int) -> Bodies:
     rng = np.random.default_rng(seed)
-    rest = toy.rest(3, 1.6)
+    rest = TOY.rest(3, 1.6)
     bends = rng.normal(0, 0.3, rest.bends.shape)
     bends[:, 0] = 0
     return replace(
@@ -270,41 +214,60 @@ def some_bodies(toy: BodyModel, seed: int) -> Bodies:
     )
 
 
-@settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
+def slopes(of, bodies: Bodies, step: float = 1e-6) -> np.ndarray:
+    """(B, ..., parameters) slopes of what `of` gives of bodies, by moving every parameter both ways."""
+    moves = step * np.eye(TOY.parameters)[:, None].repeat(len(bodies), axis=1)
+    return np.stack([of(bodies.moved(move)) - of(bodies.moved(-move)) for move in moves], axis=-1) / (2 * step)
+
+
+@settings(max_examples=15)
+@given(seed=seeds)
+def test_derivatives_are_those_of_the_markers(seed):
+    bodies = some_bodies(seed)
+    bodies = replace(bodies, own=np.random.default_rng(seed).normal(0, 0.02, bodies.own.shape))
+    posed, columns = TOY.derivatives(bodies)
+    np.testing.assert_allclose(posed.markers, TOY.pose(bodies).markers, atol=1e-12)
+    np.testing.assert_allclose(columns, slopes(lambda moved: TOY.pose(moved).markers, bodies), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26", "body39", "actor41", "actor53"])
+def test_rest_pose_reproduces_the_marker_table(name):
+    """Checklist A1."""
+    markerset = open_markerset(name)
+    posed = BodyModel(markerset).pose(BodyModel(markerset).rest())
+    np.testing.assert_allclose(posed.markers[0], markerset.rest_markers, atol=1e-6)
+    np.testing.assert_allclose(posed.joints[0], markerset.skeleton.rest_joints, atol=1e-6)
+    np.testing.assert_allclose(posed.rotations[0], np.broadcast_to(np.eye(3), posed.rotations[0].shape), atol=1e-12)
+
+
+@settings(max_examples=20)
+@given(seed=seeds)
 def test_gradient_is_half_the_slope_of_the_cost(seed):
-    toy = BodyModel(toy_markerset())
-    prior = Prior(toy, height=1.7, height_sd=0.1, upright_sd=0.2)
-    bodies = some_bodies(toy, seed)
-    gradient, step = prior.terms(bodies)[1], 1e-6
-    for column in range(toy.parameters):
-        move = np.zeros((len(bodies), toy.parameters))
-        move[:, column] = step
-        slope = (prior.terms(bodies.moved(move))[0] - prior.terms(bodies.moved(-move))[0]) / (2 * step)
-        np.testing.assert_allclose(gradient[:, column], slope / 2, rtol=1e-5, atol=1e-5)
+    prior, bodies = Prior(TOY, height=1.7, height_sd=0.1, upright_sd=0.2), some_bodies(seed)
+    half = slopes(lambda moved: prior.terms(moved)[0], bodies) / 2
+    np.testing.assert_allclose(prior.terms(bodies)[1], half, rtol=1e-5, atol=1e-5)
 
 
-def test_one_newton_step_reaches_the_least_cost(toy):
-    prior = Prior(toy)
-    bodies = some_bodies(toy, 1)
+def test_one_newton_step_reaches_the_least_cost():
+    prior, bodies = Prior(TOY), some_bodies(1)
     cost, gradient, hessian = prior.terms(bodies)
-    free = np.arange(6, toy.parameters)
+    free = np.arange(6, TOY.parameters)
     step = np.zeros_like(gradient)
     step[:, free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[:, free, None])[..., 0]
     after = bodies.moved(step)
     np.testing.assert_allclose(prior.terms(after)[0], 0, atol=1e-9)
-    np.testing.assert_allclose(after.scale, toy.markerset.spread.height, atol=1e-9)
+    np.testing.assert_allclose(after.scale, TOY.markerset.spread.height, atol=1e-9)
     assert (cost > 0).all()
 
 
-def test_a_set_that_is_sure_of_the_height_is_held_to_it_and_where_one_stands_costs_nothing(toy):
-    spread = replace(toy.markerset.spread, height_sd=0.0)
-    sure = Prior(BodyModel(replace(toy.markerset, spread=spread)))
+def test_a_set_that_is_sure_of_the_height_is_held_to_it_and_where_one_stands_costs_nothing():
+    spread = replace(TOY.markerset.spread, height_sd=0.0)
+    sure = Prior(BodyModel(replace(TOY.markerset, spread=spread)))
     assert np.isfinite(sure.hessian).all()
-    tall, right = (toy.rest(1, height) for height in (spread.height + 0.01, spread.height))
+    tall, right = (TOY.rest(1, height) for height in (spread.height + 0.01, spread.height))
     assert sure.terms(tall)[0] - sure.terms(right)[0] == pytest.approx(100)
-    prior = Prior(toy, upright_sd=0.1)
-    bodies = toy.rest(2, 1.7)
+    prior = Prior(TOY, upright_sd=0.1)
+    bodies = TOY.rest(2, 1.7)
     turned = replace(bodies, quaternion=rotations.about_z(np.array([0.5, -2.0])), translation=np.ones((2, 3)))
     np.testing.assert_allclose(prior.terms(turned)[0], prior.terms(bodies)[0], atol=1e-12)
 
@@ -387,10 +350,8 @@ def test_fingers_with_markers_are_bones_that_follow_them_and_rigs_know_them():
         bodies.bends[:, at] = np.cross(along, rng.normal(0, 0.4, (12, 3)))
     points = model.pose(bodies).markers
     own = [at for at, segment in enumerate(markerset.attachment) if segments[segment] in fingers]
-    off, was = (
-        np.linalg.norm(one.pose(fit_points(one, points)).markers - points, axis=2)[:, own] for one in (model, rigid)
-    )
-    assert np.median(off) < np.median(was) / 5
+    now, was = (off(one, fit_points(one, points), points)[:, own] for one in (model, rigid))
+    assert np.median(now) < np.median(was) / 5
     ends = np.add(markerset.skeleton.rest_joints, [0, 0, -0.05])
     character = character_of(segments, markerset.skeleton.rest_joints, ends)
     assert set(fingers) <= set(character.names)

@@ -15,8 +15,6 @@ from addon.core.review.summary import SampleOrigins
 from addon.core.review.suspects import MAX_ENTRIES, Ranges, find_suspects, summarised
 from tests.core.scenes import motion_of
 
-from ..edits.lists import INDEX
-
 RATE = 100.0
 
 
@@ -147,7 +145,7 @@ ALL = [(12, 20)]
     ],
 )
 def test_a_doubt_is_left_in_the_frames_that_no_edit_answers(suspect, edits, left):
-    found = unanswered([suspect], Edits(tuple(edits)), INDEX)
+    found = unanswered([suspect], Edits(tuple(edits)), dict(zip("ABCD", range(4), strict=True)))
     assert [(one.first, one.last) for one in found] == left
     assert {one.reason for one in found} <= {suspect.reason}
 
@@ -220,34 +218,22 @@ def test_every_sample_is_counted_once(part, cuts):
 PAIR, NUMBERS = ("A", "B"), 10 + np.arange(20)
 
 
-def changed(edit):
-    """Two points in every frame, the markers A and B, then as `edit` makes of a table (20, 2)."""
-    before = np.tile([0, 1], (20, 1))
-    after = before.copy()
-    edit(before, after)
-    return changes(np.repeat(np.arange(20), 2), before.ravel(), after.ravel(), PAIR, NUMBERS)
-
-
-def said(found):
-    return [(one.marker, one.what, one.first, one.last, one.frames) for one in found]
+def changed(before, after):
+    """Of two points in every frame, the markers A and B but in some frames (first, after, A's, B's) of each table."""
+    tables = np.tile([[[0, 1]]], (2, 20, 1))
+    for table, rows in zip(tables, (before, after), strict=True):
+        for first, end, *markers in rows:
+            table[first:end] = markers
+    found = changes(np.repeat(np.arange(20), 2), *tables.reshape(2, -1), PAIR, NUMBERS)
+    return found, [(one.marker, one.what, one.first, one.last, one.frames) for one in found]
 
 
 def test_nothing_changed_gained_lost_and_exchanged_over_a_short_break():
-    assert changed(lambda before, after: None) == ()
+    assert changed([], []) == ((), [])
     assert summary_of_changes(()) == ""
-
-    def edit(before, after):
-        before[:5, 0] = -1
-        after[8:10, 1] = -1
-
-    found = changed(edit)
-    assert said(found) == [("A", GAINED, 10, 14, 5), ("B", LOST, 18, 19, 2)]
+    found, said = changed([(0, 5, -1, 1)], [(8, 10, 0, -1)])
+    assert said == [("A", GAINED, 10, 14, 5), ("B", LOST, 18, 19, 2)]
     assert summary_of_changes(found) == "5 labels more, 2 fewer"
     assert found[0].words == "A is named now in frames 10–14"
-
-    def edit(before, after):
-        after[4:12] = [1, 0]
-        after[7] = [0, 1]
-
-    found = changed(edit)
-    assert said(found) == [("A", OTHER, 14, 21, 7), ("B", OTHER, 14, 21, 7)]
+    _, said = changed([], [(4, 7, 1, 0), (8, 12, 1, 0)])
+    assert said == [("A", OTHER, 14, 21, 7), ("B", OTHER, 14, 21, 7)]

@@ -15,6 +15,11 @@ NAMES = ("HEAD", "LHEE", "RHEE")
 PLACES = np.array([[0.0, 0, 1.7], [0, 0.1, 0.05], [0, -0.1, 0.05]])
 
 
+BESIDE = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
+ROOM = Suspect(FIRST, FIRST + FRAMES - 1, "the room seems to be about 1000 times too large: its cameras see")
+ALIKE = Suspect(20, 29, "LHEE and RHEE may have each other's names in the whole take", markers=("LHEE", "RHEE"))
+
+
 def take(markers: np.ndarray, others: dict[int, np.ndarray] | None = None):
     """Rows, labels and motion: a trajectory for each of the markers (F, M, 3), then others by number (F, 3)."""
     count = len(markers)
@@ -55,8 +60,7 @@ def test_a_heel_that_was_never_found_is_said_with_the_point_beside_it():
     assert (alone.kind, alone.markers, alone.first, alone.last) == (MISSING, ("LHEE",), FIRST, FIRST + FRAMES - 1)
     assert alone.stake == FRAMES
     assert alone.reason == "LHEE is never found"
-    beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
-    missing, left = trouble(without("LHEE"), {7: beside})
+    missing, left = trouble(without("LHEE"), {7: BESIDE})
     assert {missing.kind, left.kind} == {MISSING, LEFT_OVER}
     assert missing.trajectories == left.trajectories == (7,)
     assert "trajectory 7, which has no name, is 100 mm from where it should be" in missing.reason
@@ -80,7 +84,7 @@ def test_a_marker_that_was_answered_is_not_asked_again_beside_one_that_was_not()
 
 
 def test_a_point_is_to_be_named_where_it_is_and_a_gap_that_was_filled_is_no_trouble():
-    beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
+    beside = BESIDE.copy()
     beside[60:] = np.nan
     markers = without("LHEE", frames=slice(0, 60))
     markers[100:180, 1] = np.nan
@@ -96,9 +100,8 @@ def test_a_point_is_to_be_named_where_it_is_and_a_gap_that_was_filled_is_no_trou
 
 def test_a_doubted_point_is_offered_a_name_on_the_body_only():
     asked = Suspect(FIRST, FIRST + 99, "may be LHEE, stays unnamed", 7, ("LHEE",))
-    beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
     for away, action in ((0.0, "name"), (2.7, "")):
-        found = trouble(without("LHEE"), {7: beside + away}, suspects=[asked])
+        found = trouble(without("LHEE"), {7: BESIDE + away}, suspects=[asked])
         doubt = next(one for one in found if one.kind == IN_DOUBT)
         assert (doubt.trajectories, doubt.action) == ((7,), action)
         assert ("off the body" in doubt.advice) == (away > 0)
@@ -147,11 +150,10 @@ def test_how_far_the_body_is_off_is_said_in_mm_and_doubts_once_with_what_to_do()
     assert (off.kind, off.markers, off.first, off.last, off.stake) == (OFF_BODY, ("RHEE",), 41, 50, 10.0)
     assert "up to 285 mm apart in frames 41–50" in off.reason
     assert trouble(markers, edits=[Right("RHEE", frames=(41, 50))])[0].answered
-    pair = Suspect(20, 29, "LHEE and RHEE may have each other's names in the whole take", markers=("LHEE", "RHEE"))
     far = Suspect(20, 29, "LHEE is far from where the body has it", markers=("LHEE",))
-    [doubt] = trouble(even(), suspects=[pair, far])
+    [doubt] = trouble(even(), suspects=[ALIKE, far])
     assert (doubt.kind, doubt.stake, doubt.action) == (IN_DOUBT, 20.0, "swap")
-    [answered] = trouble(even(), answered=[pair])
+    [answered] = trouble(even(), answered=[ALIKE])
     assert answered.answered and answered.stake == 0
 
 
@@ -159,29 +161,26 @@ def test_what_answers_a_trouble_fits_it():
     ghost = np.tile(PLACES[1] + [0.05, 0, 0.02], (FRAMES, 1))
     away = even()
     away[30:40, 2, 0] += 0.285
-    alike = Suspect(20, 29, "LHEE and RHEE may have each other's names in the whole take", markers=("LHEE", "RHEE"))
     unnamed = Suspect(20, 29, "may be LHEE and stays unnamed", 7, ("LHEE",))
-    room = Suspect(FIRST, FIRST + FRAMES - 1, "the room seems to be about 1000 times too large: its cameras see")
     for found, answer in (
         (trouble(without("LHEE")), "Not Worn"),
         (trouble(without("LHEE", frames=slice(20, 160))), "Not Seen"),
         (trouble(even(), {7: ghost}), "No Marker"),
         (trouble(away), "It Is Right"),
-        (trouble(even(), suspects=[alike]), "It Is Right"),
+        (trouble(even(), suspects=[ALIKE]), "It Is Right"),
         (trouble(even(), suspects=[unnamed]), "Leave Unnamed"),
-        (trouble(even(), suspects=[room]), "Calibration Is Right"),
+        (trouble(even(), suspects=[ROOM]), "Calibration Is Right"),
     ):
         assert found[0].answer == answer, found[0].reason
         assert "say It Is Right" not in found[0].advice or answer == "It Is Right", found[0].advice
 
 
 def test_another_room_is_the_worst_as_no_name_is_to_be_trusted():
-    room = Suspect(FIRST, FIRST + FRAMES - 1, "the room seems to be about 1000 times too large: its cameras see")
-    first, second = trouble(without("LHEE"), suspects=[room])
+    first, second = trouble(without("LHEE"), suspects=[ROOM])
     assert (first.kind, first.cameras, first.stake) == (OF_CAMERA, (), 1.0 * FRAMES * len(NAMES))
     assert "Import the calibration" in first.advice
     assert second.markers == ("LHEE",)
-    [answered] = trouble(even(), suspects=[room], edits=first.answers())
+    [answered] = trouble(even(), suspects=[ROOM], edits=first.answers())
     assert answered.answered
 
 

@@ -27,12 +27,6 @@ def still(frames=20, height=1.7):
     return markerset, posed.markers, body
 
 
-def seen_by(cameras, options=PERFECT, frames=1):
-    """The markers' names of somebody who stands still, and what cameras see of them."""
-    markerset, markers, _ = still(frames)
-    return markerset, markers, joined(capture(markers, markerset.markers, cameras, options))
-
-
 def one_camera(width=200, height=100, focal=100.0, lens=(0, 0, 0, 0, 0)):
     matrix = np.array([[[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]])
     return Cameras(("c",), np.array([[width, height]]), matrix, np.array([lens]), np.eye(3)[None], np.zeros((1, 3)))
@@ -63,7 +57,8 @@ def test_chunks_are_the_whole_take_in_parts(monkeypatch):
 
 def test_noise_and_dropouts_are_as_asked_for_and_reflections_stay_where_they_are():
     cameras = paper_rig()
-    markerset, markers, seen = seen_by(cameras, replace(PERFECT, noise=0.7, dropout=0.1), 300)
+    markerset, markers, _ = still(300)
+    seen = joined(capture(markers, markerset.markers, cameras, replace(PERFECT, noise=0.7, dropout=0.1)))
     expected = cameras.project(markers[0])[seen.blobs.camera, [markerset.index(name) for name in seen.truth]]
     assert (seen.blobs.xy - expected).std() == pytest.approx(0.7, rel=0.03)
     assert len(seen.blobs) / (300 * 4 * len(markerset)) == pytest.approx(0.9, abs=0.01)
@@ -149,19 +144,14 @@ def test_gaps_and_frames_without_a_pose_do_no_harm():
     assert np.isfinite(seen.blobs.xy).all()
 
 
-def outline(radius, top):
-    angle = np.linspace(0, 2 * np.pi, 24)
-    rim = [np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(24, z)]) for z in (0, top)]
-    return np.concatenate(rim)
-
-
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])
 def test_the_papers_rig_sees_a_tall_person_whole_from_four_corners(seed):
     cameras = paper_rig(None if seed is None else np.random.default_rng(seed))
     assert len(cameras) == 4
     assert (cameras.size == (656, 491)).all()
     assert ((cameras.centres[:, 2] > 2.15) & (cameras.centres[:, 2] < 2.65)).all()
-    pixels = cameras.project(outline(0.55, 2.0))
+    angle, top = np.meshgrid(np.linspace(0, 2 * np.pi, 24), [0, 2.0])
+    pixels = cameras.project(np.stack([0.55 * np.cos(angle), 0.55 * np.sin(angle), top], axis=-1).reshape(-1, 3))
     assert ((pixels > 0) & (pixels < cameras.size[:, None] - 1)).all()
     # The lens is no wider than it must be: the person's volume takes most of the image's height.
     assert (np.ptp(pixels[..., 1], axis=1) > 0.8 * 491).all()
@@ -227,16 +217,14 @@ def test_a_performance_lasts_as_long_as_its_acts(rate):
 
 
 def test_someone_always_stands_on_the_floor_does_not_slide_and_walks_the_way_they_face(walk):
-    lowest = soles(walk)[..., 2].min(axis=1)
-    assert lowest.min() > -0.015
-    assert lowest.max() < 0.02
     points = soles(walk)
+    lowest = points[..., 2].min(axis=1)
+    assert -0.015 < lowest.min() < lowest.max() < 0.02
     speed = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1) * RATE
     # In every frame some part of a sole is as good as still, while the body goes at a walking pace.
     assert np.percentile(speed.min(axis=1), 90) < 0.2
-    travelled = np.linalg.norm(walk.translation[-1, :2] - walk.translation[0, :2])
-    assert 0.7 < travelled / 4 < 1.6
     way = walk.translation[-1, :2] - walk.translation[0, :2]
+    assert 0.7 < np.linalg.norm(way) / 4 < 1.6
     assert np.arctan2(way[1], way[0]) == pytest.approx(0.5, abs=0.15)
     assert np.abs(walk.translation[0, :2] + walk.translation[-1, :2]).max() < 0.3
 
@@ -252,10 +240,7 @@ def test_raised_arms_are_above_the_head_and_turns_turn():
 
 
 def test_a_marker_set_without_legs_is_told_so():
-    from dataclasses import replace
-
     names = tuple(name.replace("L", "X") for name in MARKERSET.skeleton.segments)
-    skeleton = replace(MARKERSET.skeleton, segments=names)
-    legless = replace(MARKERSET, skeleton=skeleton)
+    legless = replace(MARKERSET, skeleton=replace(MARKERSET.skeleton, segments=names))
     with pytest.raises(ValueError, match=r"foot\.L"):
         perform(BodyModel(legless), draw_person(legless, np.random.default_rng(0)), DEMO, RATE)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.progress import finished
+from addon.core.data.takes import Labels
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
@@ -43,12 +44,15 @@ def trained(known, take):
         return finished(train([shown], names, TrainingOptions("ann", search="none"), None, known))
 
 
-def test_one_frame_names_the_rest_of_the_take_and_the_model_says_what_it_rests_on(trained, take):
-    points = take[::6]
+def named_by(model, points: np.ndarray, target: float) -> tuple[np.ndarray, np.ndarray]:
+    """(T, M) whether points (T, M, 3) m in another order have their own names, and whether so surely."""
     shuffled = np.random.default_rng(3).permutation(points.shape[1])
-    labels = list(LikelihoodNamer(trained.model.likelihood).name(points[:, shuffled], 100.0))
-    marker, rate = (np.concatenate([getattr(one, part) for one in labels]) for part in ("marker", "rate"))
-    right, sure = marker == shuffled, rate >= 0.999
+    labels = Labels.join(LikelihoodNamer(model.likelihood).name(points[:, shuffled], 100.0))
+    return labels.marker == shuffled, labels.rate >= target
+
+
+def test_one_frame_names_the_rest_of_the_take_and_the_model_says_what_it_rests_on(trained, take):
+    right, sure = named_by(trained.model, take[::6], 0.999)
     assert right.mean() > 0.85
     assert sure.mean() > 0.4
     assert (sure & ~right).mean() < 0.005
@@ -141,28 +145,18 @@ def test_one_frame_of_what_is_no_person_names_it_bent(known, monkeypatch):
     take = LabelledTake("one.c3d", "snake", names, chain[:1])
     trained = finished(train([take], names, TrainingOptions("snake"), None, known))
     assert trained.model.markerset.source["poses"].endswith("by bending it between neighbours")
-    shuffled = np.random.default_rng(3).permutation(10)
-    labels = list(LikelihoodNamer(trained.model.likelihood).name(chain[:, shuffled], 100.0))
-    right = np.concatenate([one.marker for one in labels]) == shuffled
-    sure = np.concatenate([one.rate for one in labels]) >= 0.99
+    right, sure = named_by(trained.model, chain, 0.99)
     assert right.mean() > 0.9
     assert (sure & ~right).mean() < 0.02
 
 
-@pytest.fixture(scope="module")
-def actors():
-    return [open_markerset(name) for name in ("actor41",)]
-
-
-def test_markers_in_usual_places_are_known_without_their_names_and_what_is_no_person_is_none(actors):
-    body = open_markerset("body26")
+def test_markers_in_usual_places_are_known_without_their_names_and_what_is_no_person_is_none():
+    body, actor = open_markerset("body26"), open_markerset("actor41")
     points = make_performance(body).take.xyz[::4]
-    found = person_in([points], [f"M{number}" for number in range(26)], "ann", [*actors, body])
-    assert found is not None
+    found = person_in([points], [f"M{number}" for number in range(26)], "ann", [actor, body])
     person, name = found
     assert name in ("actor41", "body26")
-    expected = [body.skeleton.segments[one] for one in body.attachment]
-    given = [person.skeleton.segments[one] for one in person.attachment]
+    given, expected = ([one.skeleton.segments[at] for at in one.attachment] for one in (person, body))
     same = [one == two for one, two in zip(given, expected, strict=True)]
     assert np.mean(same) > 0.8, list(zip(body.markers, given, expected, strict=True))
     sides = [(one[-2:], two[-2:]) for one, two in zip(given, expected, strict=True) if {one[-2], two[-2]} == {"."}]
@@ -176,5 +170,4 @@ def test_markers_in_usual_places_are_known_without_their_names_and_what_is_no_pe
         parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, np.add(box, [0, 0, 0.25])))
         place = place + turn @ np.array([0, 0, 0.5])
     points = np.concatenate(parts, axis=1)
-    names = [f"B{number}" for number in range(18)]
-    assert person_in([points], names, "box", actors[:1]) is None
+    assert person_in([points], [f"B{number}" for number in range(18)], "box", [actor]) is None

@@ -15,12 +15,13 @@ from addon.core.simulation.virtual import Act
 from addon.core.training.contradictions import contradictions, leads
 from addon.core.training.described import DESCRIBING, described
 from addon.core.training.segments import find_segments, segment_markerset
-from addon.core.training.takes import LabelledTake, learnable, standing_apart
+from addon.core.training.takes import LabelledTake, contradicted, learnable, standing_apart
 from addon.core.training.transfer import known_body, transferred
 from addon.demo.take import make_performance
 from addon.io.layouts import open_layout, shipped_layouts
 from addon.io.markersets import open_markerset
 from addon.jobs.models import known_bodies
+from addon.jobs.training_takes import read_takes
 from tests import recorded
 from tests.core.scenes import walker
 
@@ -133,31 +134,25 @@ def test_markers_that_are_never_or_hardly_there_are_said():
 
 
 PARTS = [f"{part}{number}" for part in ("HIP", "SHIN", "TOE") for number in range(1, 5)]
+# By part its joint in the one above, how high its markers are, how far and how often it swings.
+LEG = (
+    ([0, 0, 0], 0.1, 0.3, 1.3),
+    ([0, 0, -0.05], -0.25, 0.7, [2, 1.1, 0.7]),
+    ([0.02, 0, -0.5], -0.2, 0.6, [1.7, 0.9, 2.3]),
+)
 
 
-def turn_of(vectors) -> np.ndarray:
-    return rotations.exponential(np.asarray(vectors, dtype=float))[0]
-
-
-def leg(frames: int = 120, size: float = 1.0, seed: int = 0, noise: float = 0.0005) -> np.ndarray:
+def leg(frames: int = 120, size: float = 1.0, seed: int = 0) -> np.ndarray:
     """(T, 12, 3) a hanging chain of three rigid parts with four markers each; it swings and twists as it walks."""
     form, motion = np.random.default_rng(7), np.random.default_rng(seed)
-    shapes = [
-        form.uniform([-0.08, -0.08, height - 0.08], [0.08, 0.08, height + 0.08], (4, 3))
-        for height in (0.1, -0.25, -0.2)
-    ]
     time = np.arange(frames)[:, None] / 60
-    swing = [
-        amount * np.sin(time * rate + motion.uniform(0, 6, 3))
-        for amount, rate in ((0.3, 1.3), (0.7, [2, 1.1, 0.7]), (0.6, [1.7, 0.9, 2.3]))
-    ]
-    knee, ankle = np.array([0, 0, -0.05]), np.array([0.02, 0, -0.5])
-    place = np.column_stack([time * 0.5, 0 * time, 1 + 0 * time])
-    turn, parts = np.eye(3), []
-    for shape, bend, joint in zip(shapes, swing, (np.zeros(3), knee, ankle), strict=True):
-        place, turn = place + turn @ joint, turn @ turn_of(bend)
+    place, turn, parts = time * [0.5, 0, 0] + [0, 0, 1], np.eye(3), []
+    for joint, height, amount, often in LEG:
+        shape = np.add(form.uniform(-0.08, 0.08, (4, 3)), [0, 0, height])
+        bend = amount * np.sin(time * often + motion.uniform(0, 6, 3))
+        place, turn = place + turn @ np.array(joint), turn @ rotations.exponential(bend)[0]
         parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shape))
-    return size * np.concatenate(parts, axis=1) + motion.normal(0, noise, (frames, 12, 3))
+    return size * np.concatenate(parts, axis=1) + motion.normal(0, 0.0005, (frames, 12, 3))
 
 
 def test_what_moves_together_is_a_segment_and_gaps_and_a_swapped_stretch_change_nothing():
@@ -319,9 +314,6 @@ def test_missing_markers_are_no_contradiction(takes):
 
 
 def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
-    from addon.core.training.takes import contradicted
-    from addon.jobs.training_takes import read_takes
-
     said = contradicted(read_takes(recorded.takes(shared_data, *recorded.MCGILL), ()), MARKERS)
     assert [line.split(", if")[0] for line in said] == [
         "LWRA and LWRB have each other's names in HC030A01.c3d",
@@ -337,9 +329,6 @@ def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
 
 
 def test_a_plate_that_is_named_front_to_back_in_a_standing_trial_is_found(shared_data):
-    from addon.core.training.takes import contradicted
-    from addon.jobs.training_takes import read_takes
-
     trials = [shared_data.parent / f"strangers/still/amputee_a01_{kind}.trc" for kind in ("standing", "walk_fast")]
     takes = read_takes(trials, ())
     assert [line.split(" in one")[0] for line in contradicted(takes, takes[0].names)] == [

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import chain, count, cycle
-from random import Random
 from threading import Thread
 
 import numpy as np
@@ -46,26 +45,16 @@ def there_and_back(xyz: np.ndarray, rate: float) -> Iterator[StreamFrame]:
 class Server:
     """Plays frames to whoever connects, from a thread; a context manager, whose `source` is the address for a reader.
 
-    rate     frames a second; None for as fast as they are taken
-    jitter   s, by which each may come later
-    loss     the part of all frames that is not sent
-    swapped  the part of all frames that is sent after the next
-    wound    what every packet goes through before it is sent
+    rate   frames a second; None for as fast as they are taken
+    wound  what every packet goes through before it is sent
     """
 
     scheme = ""
 
     def __init__(
-        self,
-        frames: Iterable[StreamFrame],
-        rate: float | None = None,
-        jitter: float = 0.0,
-        loss: float = 0.0,
-        swapped: float = 0.0,
-        wound: Callable[[bytes], bytes] = bytes,
+        self, frames: Iterable[StreamFrame], rate: float | None = None, wound: Callable[[bytes], bytes] = bytes
     ):
-        self.frames, self.rate, self.jitter, self.loss, self.swapped = frames, rate, jitter, loss, swapped
-        self.wound, self.chance, self.ended = wound, Random(1), False
+        self.frames, self.rate, self.wound, self.ended = frames, rate, wound, False
         self.socket = self.listening()
         self.port = self.socket.getsockname()[1]
         self.source = f"{self.scheme}://127.0.0.1:{self.port}"
@@ -102,22 +91,13 @@ class Server:
 
     def playing(self) -> Iterator[StreamFrame]:
         """The frames in their time."""
-        start, waiting, sent = time.monotonic(), None, 0
+        start = time.monotonic()
         for sent, frame in enumerate(self.frames, 1):
             if self.ended:
                 return
             if self.rate is not None:
-                late = self.jitter * self.chance.random()
-                time.sleep(max(0.0, start + sent / self.rate + late - time.monotonic()))
-            if self.chance.random() < self.loss:
-                continue
-            if waiting is None and self.chance.random() < self.swapped:
-                waiting = frame
-                continue
+                time.sleep(max(0.0, start + sent / self.rate - time.monotonic()))
             yield frame
-            if waiting is not None:
-                yield waiting
-                waiting = None
 
 
 def read(connection: socket.socket, size: int) -> bytes:

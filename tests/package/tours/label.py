@@ -2,7 +2,7 @@
 """A hand that corrects a take with the tool Label in a real Blender's window, by pointer and keys."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import bpy
@@ -26,12 +26,8 @@ def walk(seen: dict) -> Iterator[float]:
     stage.set_tool()
     bpy.ops.ed.undo_push(message="Labelled")
     yield 1
-    yield from picking(seen)
-    yield from naming(seen)
-    yield from quick_labelling(seen)
-    yield from graphing(seen)
-    yield from placing(seen)
-    yield from playing(seen)
+    for part in (picking, naming, quick_labelling, graphing, placing, playing):
+        yield from part(seen)
 
 
 def picking(seen: dict) -> Iterator[float]:
@@ -48,9 +44,8 @@ def picking(seen: dict) -> Iterator[float]:
     seen["with Shift again"] = stage.picked()
     yield from window.click(left[0] + 150, left[1])
     seen["beside"] = stage.picked()
-    corners = [min(left[0], right[0]) - 25, min(left[1], right[1]) - 25, max(left[0], right[0]) + 25]
-    corners.append(max(left[1], right[1]) + 25)
-    yield from window.drag((corners[0], corners[1]), (corners[2], corners[3]))
+    xs, ys = zip(left, right, strict=True)
+    yield from window.drag((min(xs) - 25, min(ys) - 25), (max(xs) + 25, max(ys) + 25))
     seen["in a box"] = stage.picked()
     x, y = right
     yield from lasso([(x - 25, y - 25), (x + 25, y - 25), (x + 25, y + 25), (x - 25, y + 25), (x - 25, y - 15)])
@@ -92,28 +87,27 @@ def quick_labelling(seen: dict) -> Iterator[float]:
     aside = places["LELB"]
     yield from window.press("F", *aside)
     yield from window.screenshot("4-quick-label")
-    yield from skip_to(places, aside)
-    seen["asked"] = [stage.asked().rstrip("?")]
-    yield from window.click(*places.pop(stage.asked().rstrip("?")))
-    seen["asked"].append(stage.asked().rstrip("?"))
-    yield from window.press("BACK_SPACE", *aside)
-    seen["asked"].append(stage.asked().rstrip("?"))
-    yield from window.press("SPACE", *aside)
-    seen["asked"].append(stage.asked().rstrip("?"))
-    yield from skip_to(places, aside)
-    seen["asked"].append(stage.asked().rstrip("?"))
-    yield from window.click(*places.pop(stage.asked().rstrip("?")))
+    first = yield from skip_to(places, aside)
+    yield from window.click(*places.pop(first))
+    seen["asked"] = [first, stage.asked().rstrip("?")]
+    for key in ("BACK_SPACE", "SPACE"):
+        yield from window.press(key, *aside)
+        seen["asked"].append(stage.asked().rstrip("?"))
+    second = yield from skip_to(places, aside)
+    yield from window.click(*places.pop(second))
+    seen["asked"].append(second)
     yield from window.press("ESC", *aside)
     seen["given"] = stage.corrections()[begun:]
     seen["quick label runs"] = stage.running()
 
 
-def skip_to(wanted: dict[str, stage.Place], aside: stage.Place) -> Iterator[float]:
-    """Pass over the markers that are asked for until it is one of those wanted."""
+def skip_to(wanted: dict[str, stage.Place], aside: stage.Place) -> Generator[float, None, str]:
+    """Pass over the markers that are asked for until it is one of those wanted, and give that."""
     for _ in range(30):
         if stage.asked().rstrip("?") in wanted:
-            return
+            break
         yield from window.press("SPACE", *aside)
+    return stage.asked().rstrip("?")
 
 
 def graphing(seen: dict) -> Iterator[float]:
@@ -148,7 +142,7 @@ def placing(seen: dict) -> Iterator[float]:
     stage.look_at_the_person()
     yield 1
     seen["gap"] = stored.names[marker]
-    item = next(item for item in take().all_objects if item.get("mocap_marker") == seen["gap"])
+    item = next(item for item in stage.settings().take.all_objects if item.get("mocap_marker") == seen["gap"])
     bpy.context.view_layer.objects.active = item
     for other in bpy.context.selected_objects:
         other.select_set(False)
@@ -173,20 +167,11 @@ def playing(seen: dict) -> Iterator[float]:
     seen["tool"] = bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname
 
 
-def take() -> bpy.types.Collection:
-    return bpy.context.scene.mocap_autolabel.take
-
-
-def dots():
-    """The dots of the current frame, and the names of the markers."""
-    stored, index = stage.now()
-    return stage.module("scene.picking").dots_of(stored, index), stored.names
-
-
 def trajectory(marker: str) -> int:
     """The trajectory that is a marker now."""
-    here, names = dots()
-    return int(here.trajectory[here.marker == names.index(marker)][0])
+    stored, index = stage.now()
+    here = stage.module("scene.picking").dots_of(stored, index)
+    return int(here.trajectory[here.marker == stored.names.index(marker)][0])
 
 
 def lasso(path: list[stage.Place]) -> Iterator[float]:

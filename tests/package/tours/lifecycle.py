@@ -96,7 +96,7 @@ def _types() -> list[type]:
 def import_everything() -> list[str]:
     """Import every module of the extension, so that none hides a wrong import, and give their names."""
     root = importlib.import_module(MODULE)
-    names = [found.name for found in pkgutil.walk_packages(root.__path__, MODULE + ".", onerror=_fail)]
+    names = [found.name for found in pkgutil.walk_packages(root.__path__, MODULE + ".")]
     for name in names:
         importlib.import_module(name)
     return names
@@ -106,10 +106,6 @@ def policy_warnings() -> dict:
     """Blender's own list of what extensions did against its rules, made anew."""
     addon_utils._is_first_reset()
     return {name: list(warnings) for name, warnings in addon_utils._extensions_warnings_get().items()}
-
-
-def _fail(name: str) -> None:
-    raise ImportError(f"{name} cannot be imported")
 
 
 if __name__ == "__main__":

@@ -42,14 +42,14 @@ def walk(seen: dict) -> Iterator[float]:
     yield from window.press("J", *here)
     yield 1
     seen["view"] = [list(view.view_location), turn, list(view.view_rotation)]
-    worst = bpy.context.window_manager.mocap_autolabel.trouble_index
+    worst = stage.state().trouble_index
     bpy.ops.mocap_autolabel.accept_trouble("INVOKE_DEFAULT", index=worst)
     bpy.ops.ed.undo_push(message="It Is Right")
     scene.frame_set(stage.TASK["frame"])
     yield 1
     seen["corrected"] = take_now("corrected")
     bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="TAKE")
-    yield from window.until(lambda: len(bpy.context.window_manager.mocap_autolabel.fills))
+    yield from window.until(lambda: len(stage.state().fills))
     yield 1
     seen["filled"] = take_now("filled")
     yield from window.screenshot("1-filled")
@@ -76,9 +76,7 @@ def label() -> Iterator[float]:
     """Label the take, and wait until it is shown and nothing goes on."""
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield 0.5
-    yield from window.until(
-        lambda: stage.settings().take is not None and not bpy.context.window_manager.mocap_autolabel.doing
-    )
+    yield from window.until(lambda: stage.settings().take is not None and not stage.state().doing)
     yield 1
 
 

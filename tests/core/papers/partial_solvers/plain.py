@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The paper's functions and classifiers written plainly, to check the fast code by, and clouds that move."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from math import comb
 
 import numpy as np
 
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels
+from addon.core.geometry.upright import turned
 from addon.core.papers.partial_solvers import features
 from addon.core.papers.partial_solvers.boosting import learn_intervals
 from addon.core.papers.partial_solvers.features import UP, Tables, all_features, tables
@@ -18,7 +19,7 @@ from addon.core.papers.partial_solvers.training import training
 
 
 def angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """g1: the angle at `a` between the directions to `b` and `c`, rad. Points (..., 3).
+    """g1: the angle at `a` between the directions to `b` and `c`, rad, of points (..., 3).
 
     The table prints a minus sign where the dot product of AB and AC belongs.
     """
@@ -60,40 +61,26 @@ def count_features(markers: int) -> dict[str, int]:
 
 
 def accepts(classifiers: Classifiers, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
-    """Whether all weak classifiers accept one labelling (M,) of a frame; a marker without a point is -1.
+    """Whether all weak classifiers accept one labelling (M,) of a frame, by φ = 1 (equation 2): every vote counts.
 
-    A classifier with a point that is unassigned or missing has no vote. This is φ = 1 (equation 2): every vote counts.
+    A marker without a point is -1; a classifier with such a point, or one that is missing, has no vote.
     """
-    return not any(_rejects(classifiers, row, frame, labelling, clouds) for row in range(len(classifiers)))
-
-
-def _rejects(classifiers: Classifiers, row: int, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:
-    kind = int(classifiers.kind[row])
-    points = labelling[classifiers.points[row, : DOMAIN[kind]]]
-    if (points < 0).any():
-        return False
-    value = features.values(kind, np.array(frame), points, clouds)
-    return bool(value < classifiers.low[row] - TOLERANCE or value > classifiers.high[row] + TOLERANCE)
+    for kind, points, low, high in zip(*vars(classifiers).values(), strict=True):
+        chosen = labelling[points[: DOMAIN[kind]]]
+        value = features.values(int(kind), np.array(frame), chosen, clouds) if (chosen >= 0).all() else np.nan
+        if value < low - TOLERANCE or value > high + TOLERANCE:
+            return False
+    return True
 
 
 def exhaustive(markers: int, good: Callable[[int], bool], own: int | None = None) -> set[int]:
     """Every good subset that contains no smaller good one; for few markers only."""
-    every = (subset for subset in range(1, 1 << markers) if own is None or subset >> own & 1)
-    return _least(every, good)
+    return without_supersets({one for one in range(1, 1 << markers) if (own is None or one >> own & 1) and good(one)})
 
 
 def without_supersets(found: set[int]) -> set[int]:
     """Those that contain no other."""
-    return _least(found, lambda _: True)
-
-
-def _least(subsets: Iterable[int], good: Callable[[int], bool]) -> set[int]:
-    """The good ones that contain no smaller good one; what contains one is not asked."""
-    kept: set[int] = set()
-    for subset in sorted(subsets, key=lambda subset: (subset.bit_count(), subset)):
-        if not any(other & subset == other for other in kept) and good(subset):
-            kept.add(subset)
-    return kept
+    return {one for one in found if not any(other != one and other & one == other for other in found)}
 
 
 def moving(markers: int = 6, frames: int = 200, sway: float = 0.04, seed: int = 0) -> np.ndarray:
@@ -102,10 +89,7 @@ def moving(markers: int = 6, frames: int = 200, sway: float = 0.04, seed: int = 
     shape = generator.uniform(-0.5, 0.5, (markers, 3))
     wobble = shape + generator.normal(scale=sway, size=(frames, markers, 3))
     yaw = generator.uniform(0, 2 * np.pi, frames)
-    turned = wobble.copy()
-    turned[..., 0] = np.cos(yaw)[:, None] * wobble[..., 0] - np.sin(yaw)[:, None] * wobble[..., 1]
-    turned[..., 1] = np.sin(yaw)[:, None] * wobble[..., 0] + np.cos(yaw)[:, None] * wobble[..., 1]
-    return turned + generator.uniform(-2, 2, (frames, 1, 3)) * [1, 1, 0]
+    return turned(wobble, yaw) + generator.uniform(-2, 2, (frames, 1, 3)) * [1, 1, 0]
 
 
 def pool_of(points: np.ndarray, functions=FUNCTIONS):

@@ -13,22 +13,12 @@ from hypothesis.extra import numpy as arrays
 from addon.core.papers.partial_solvers import features
 from addon.core.papers.partial_solvers.boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
 from addon.core.papers.partial_solvers.features import all_features, tables
-from addon.core.papers.partial_solvers.model import (
-    DOMAIN,
-    FUNCTIONS,
-    KIND_ANGLE,
-    KIND_DISTANCE,
-    KIND_HEIGHT,
-    KIND_RATIO,
-    KIND_TURN,
-    NO_POINT,
-    Strong,
-)
+from addon.core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Strong
 from tests.core.papers.partial_solvers import plain
 from tests.core.papers.partial_solvers.plain import moving, pool_of
 
-ONE = {KIND_ANGLE: plain.angle, KIND_DISTANCE: plain.distance, KIND_RATIO: plain.ratio, KIND_HEIGHT: plain.height}
-ONE[KIND_TURN] = plain.turn
+PLAIN = [getattr(plain, name) for name in FUNCTIONS]
+ANGLE, DISTANCE, RATIO, HEIGHT, TURN = range(5)
 A, B, C, D = np.array([[0.0, 0, 0], [3, 0, 4], [0, 2, 0], [0, 2, 1]])
 clouds = arrays.arrays(float, (4, 3), elements=st.floats(-2, 2).map(lambda value: round(value, 3))).filter(
     lambda points: min(np.linalg.norm(points[i] - points[j]) for i in range(4) for j in range(i)) > 0.05
@@ -50,16 +40,17 @@ def test_invariances(points, yaw, size):
     turned = points @ np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]) + [1, -2, 3]
     tilted = points @ np.array([[1, 0, 0], [0, np.cos(yaw), np.sin(yaw)], [0, -np.sin(yaw), np.cos(yaw)]])
     mirrored = points * [1, -1, 1]
-    value = {kind: function(*points[: DOMAIN[kind]]) for kind, function in ONE.items()}
-    for kind, function in ONE.items():
-        assert function(*turned[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-5)
-    for kind in (KIND_ANGLE, KIND_DISTANCE, KIND_RATIO):
-        assert ONE[kind](*tilted[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-5)
-    for kind in (KIND_ANGLE, KIND_RATIO, KIND_TURN):
-        assert ONE[kind](*(size * points)[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-5)
-    for kind in (KIND_ANGLE, KIND_DISTANCE, KIND_RATIO, KIND_HEIGHT):
-        assert ONE[kind](*mirrored[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-9)
-    assert plain.turn(*mirrored[:3]) == pytest.approx(-value[KIND_TURN], abs=1e-9)
+    value = [function(*points[: DOMAIN[kind]]) for kind, function in enumerate(PLAIN)]
+
+    def same(moved, *kinds):
+        for kind in kinds:
+            assert PLAIN[kind](*moved[: DOMAIN[kind]]) == pytest.approx(value[kind], abs=1e-5)
+
+    same(turned, ANGLE, DISTANCE, RATIO, HEIGHT, TURN)
+    same(tilted, ANGLE, DISTANCE, RATIO)
+    same(size * points, ANGLE, RATIO, TURN)
+    same(mirrored, ANGLE, DISTANCE, RATIO, HEIGHT)
+    assert plain.turn(*mirrored[:3]) == pytest.approx(-value[TURN], abs=1e-9)
 
 
 @pytest.mark.parametrize("markers", [3, 4, 7, 15])
@@ -73,7 +64,7 @@ def test_every_combination_once(markers):
         assert (mine[:, domain:] == NO_POINT).all()
         assert all(len(set(row)) == domain for row in mine[:, :domain].tolist())
         assert len({tuple(row) for row in mine.tolist()}) == len(mine)
-    halves = [frozenset((frozenset(row[:2]), frozenset(row[2:]))) for row in points[kind == KIND_RATIO].tolist()]
+    halves = [frozenset((frozenset(row[:2]), frozenset(row[2:]))) for row in points[kind == RATIO].tolist()]
     assert len(set(halves)) == len(halves)
 
 
@@ -88,13 +79,13 @@ def test_a_large_set_draws_its_ratios_and_tables_give_what_the_functions_give():
     kind, points = features.all_features(20, most=5000, seed=3)
     again = features.all_features(20, most=5000, seed=3)[1]
     assert len(kind) == 5000
-    assert (kind == KIND_ANGLE).sum() == plain.count_features(20)["angle"]
+    assert (kind == ANGLE).sum() == plain.count_features(20)["angle"]
     assert (points == again).all()
     assert (points != features.all_features(20, most=5000, seed=4)[1]).any()
     points = np.random.default_rng(0).normal(size=(3, 6, 3))
     within = features.tables(points)
     kind, which = features.all_features(6, FUNCTIONS)
-    for index, function in ONE.items():
+    for index, function in enumerate(PLAIN):
         rows = which[kind == index][:, : DOMAIN[index]]
         expected = function(*points[1, rows].transpose(1, 0, 2))
         assert features.values(index, np.array(1), rows, within) == pytest.approx(expected, abs=1e-7)

@@ -8,20 +8,8 @@ import pytest
 
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_STEP, REMAINING
 from addon.core.geometry.views import Sight, split_views
-from addon.core.papers.virtual_occlusions.labelling import (
-    TOO_FAR,
-    Expectation,
-    Frame,
-    Naming,
-    Rules,
-    doubles,
-    identify_visible,
-    name_markers,
-    name_remaining,
-    pixel_noise,
-    resolve_conflicts,
-    withdraw_unmet,
-)
+from addon.core.papers.virtual_occlusions import labelling
+from addon.core.papers.virtual_occlusions.labelling import Expectation, Frame, Naming, Rules, name_markers
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import blobs_at
 
@@ -33,10 +21,10 @@ RULES = Rules(pixel=1.0)
 OFF = np.array([0.006, -0.004, 0.005])  # m, by which the model is off everywhere in some scenes
 
 
-def expect_at(points, deviation=0.02, visible=None, cameras=4):
+def expect_at(points, deviation=0.02, visible=True, cameras=4):
     """The fit expects markers at points (M, 3), each with its standard deviation, m, visible everywhere or as said."""
     spread = np.broadcast_to(deviation, len(points))[:, None, None] ** 2 * np.eye(3)
-    shown = np.ones((cameras, len(points)), dtype=bool) if visible is None else np.array(visible, dtype=bool)
+    shown = np.broadcast_to(np.array(visible, dtype=bool), (cameras, len(points)))
     return Expectation(np.array(points, dtype=float), spread, shown)
 
 
@@ -62,19 +50,16 @@ def consistent(naming):
     return naming
 
 
-# Step 1: exclusive, conflicting, not associated ------------------------------------------------------------------
-
-
 def test_a_marker_without_blob_nearby_is_not_associated():
     """A15: beyond the neighbourhood (four deviations, at most 0.12 m) nothing is taken."""
     away = MARKERS.copy()
     away[0] += [0, 0, 0.13]
     frame = frame_of(pixels_of(away), expect_at(MARKERS, 0.5))
     naming = Naming.empty(frame)
-    identify_visible(frame, naming)
+    labelling.identify_visible(frame, naming)
     assert (naming.slot[:, 0] == -1).all() and (naming.slot[:, 1:] >= 0).all()
     near = frame_of(pixels_of(away), expect_at(MARKERS, 0.5), replace(RULES, max_distance_m=0.2))
-    assert (near.nll[:, 0, 0] < TOO_FAR).all()
+    assert (near.nll[:, 0, 0] < labelling.TOO_FAR).all()
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -88,20 +73,17 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
     ]
     frame = frame_of(pixels, expect_at(points + generator.normal(0, 0.02, points.shape), 0.03, visible))
     naming = Naming.empty(frame)
-    claims = identify_visible(frame, naming)
+    claims = labelling.identify_visible(frame, naming)
     exclusive, conflicting = naming.step == EXCLUSIVE, claims.any(axis=2)
-    misfit = np.where(visible[..., None], frame.nll, TOO_FAR)
+    misfit = np.where(visible[..., None], frame.nll, labelling.TOO_FAR)
     free = ~exclusive & ~conflicting
     assert not ((exclusive & conflicting) | (exclusive & ~visible) | (conflicting & ~visible)).any()
     assert ((exclusive.sum(1) + conflicting.sum(1) + (free & visible).sum(1)) == visible.sum(1)).all()
     # A visible marker is without association only where every blob in reach is another's or clearly nearer to another.
     best = misfit.min(axis=1)
     for camera, marker in np.argwhere(free & visible):
-        slots = np.flatnonzero(misfit[camera, marker] < TOO_FAR)
+        slots = np.flatnonzero(misfit[camera, marker] < labelling.TOO_FAR)
         assert all(naming.owner[camera, k] >= 0 or misfit[camera, marker, k] > best[camera, k] for k in slots)
-
-
-# Step 2: conflicts -----------------------------------------------------------------------------------------------
 
 
 def conflict(helpers, offset, generator):
@@ -151,8 +133,7 @@ def test_conflict_case_two_is_decided_by_the_point_nearest_to_the_model():
 def test_conflict_case_three_is_decided_by_the_nearest_blob():
     """A18: no other camera knows the marker: the blob nearest to the model's projection, where that is clear."""
     point = np.array([[0.0, 0.0, 1.0]])
-    pixels = [np.zeros((0, 2))] * 4
-    pixels[0] = pixels_of(point)[0] + np.array([[0, 0], [0, 11]])
+    pixels = [pixels_of(point)[0] + np.array([[0, 0], [0, 11]]), *[np.zeros((0, 2))] * 3]
     naming = consistent(label(pixels, expect_at(point, 0.02)))
     assert naming.slot[:, 0].tolist() == [0, -1, -1, -1] and naming.step[0, 0] == CONFLICT
     assert naming.owner[0].tolist() == [0, -1]
@@ -161,8 +142,7 @@ def test_conflict_case_three_is_decided_by_the_nearest_blob():
 def test_conflict_case_three_names_nothing_when_two_blobs_are_as_near():
     """A18, A28: conservative: where nearest means nothing, no name."""
     point = np.array([[0.0, 0.0, 1.0]])
-    pixels = [np.zeros((0, 2))] * 4
-    pixels[0] = pixels_of(point)[0] + np.array([[0, 5], [0, -5.2]])
+    pixels = [pixels_of(point)[0] + np.array([[0, 5], [0, -5.2]]), *[np.zeros((0, 2))] * 3]
     assert (consistent(label(pixels, expect_at(point, 0.02))).slot == -1).all()
 
 
@@ -177,9 +157,6 @@ def test_two_close_markers_are_told_apart_by_the_cameras_that_see_them_apart(dis
     naming = consistent(label(pixels_of(points), expect_at(points + OFF, 0.015)))
     right = (naming.slot == [0, 1]) | (naming.slot == -1)
     assert right.all() and (naming.slot >= 0).sum() >= 6
-
-
-# Step 3: remaining blobs -----------------------------------------------------------------------------------------
 
 
 def test_a_wrong_capsule_does_not_lose_a_marker():
@@ -212,9 +189,6 @@ def test_ghosts_end_unnamed(seed):
     assert np.mean(naming.slot == np.arange(4)) >= 0.9
 
 
-# The whole of algorithm 1 ----------------------------------------------------------------------------------------
-
-
 def test_algorithm_1_by_hand():
     """A20: a hand trace of the algorithm over three cameras and three markers.
 
@@ -238,13 +212,13 @@ def test_algorithm_1_by_hand():
     frame = frame_of(pixels, expect_at(points, 0.02, visible, cameras=3), rig=rig)
     naming = Naming.empty(frame)
 
-    claims = identify_visible(frame, naming)
+    claims = labelling.identify_visible(frame, naming)
     assert naming.slot.tolist() == [[-1, 2, -1], [0, -1, -1], [0, -1, -1]]
     assert np.argwhere(claims).tolist() == [[0, 0, 0], [0, 0, 1], [1, 1, 1], [1, 1, 2]]
-    withdraw_unmet(frame, naming)
-    resolve_conflicts(frame, naming, claims)
+    labelling.withdraw_unmet(frame, naming)
+    labelling.resolve_conflicts(frame, naming, claims)
     assert naming.slot.tolist() == [[0, 2, -1], [0, 1, -1], [0, -1, -1]]
-    name_remaining(frame, naming)
+    labelling.name_remaining(frame, naming)
     assert naming.slot.tolist() == [[0, 2, -1], [0, 1, -1], [0, -1, 1]]
     assert naming.step.tolist() == [
         [CONFLICT, EXCLUSIVE, NO_STEP],
@@ -260,10 +234,7 @@ def test_algorithm_1_by_hand():
 def test_nothing_seen_nothing_named():
     naming = consistent(label([np.zeros((0, 2))] * 4, expect_at(MARKERS)))
     assert (naming.slot == -1).all() and (naming.owner == -1).all() and np.isnan(naming.meeting.points).all()
-    assert np.isnan(pixel_noise(naming, SIGHT))
-
-
-# Beyond the paper ------------------------------------------------------------------------------------------------
+    assert np.isnan(labelling.pixel_noise(naming, SIGHT))
 
 
 def test_of_two_markers_on_one_line_the_nearer_has_the_blob():
@@ -280,15 +251,14 @@ def test_of_two_markers_on_one_line_the_nearer_has_the_blob():
 
 
 def test_two_cameras_that_disagree_lose_both_names():
-    """No telling which of the two is wrong."""
     pixels = [row[:1] if index < 2 else np.zeros((0, 2)) for index, row in enumerate(pixels_of(MARKERS))]
     pixels[0] = pixels[0] + [0, 12]
     expected = expect_at(MARKERS[:1], 0.05)
     frame = frame_of(pixels, expected)
     naming = Naming.empty(frame)
-    identify_visible(frame, naming)
+    labelling.identify_visible(frame, naming)
     assert (naming.slot[:2, 0] == 0).all()
-    withdraw_unmet(frame, naming)
+    labelling.withdraw_unmet(frame, naming)
     assert (naming.slot == -1).all() and (naming.owner == -1).all()
 
 
@@ -305,21 +275,11 @@ def test_labels_do_not_depend_on_the_order_of_blobs():
         assert np.array_equal(back, plain.slot[camera])
 
 
-# One marker in space, two names ----------------------------------------------------------------------------------
-
-
-def half_seen(first: int):
-    """One marker between two that are expected, the one of which `first` cameras see, the other the rest of six."""
-    rig = ring_rig(6)
-    real = np.array([0.05, 0.1, 1.1])
-    expected = real + np.array([[0.03, 0, 0], [-0.03, 0, 0]])
-    seen = np.arange(6) < first
-    visible = np.stack([seen, ~seen], axis=1)
-    return consistent(label(pixels_of([real], rig), expect_at(expected, 0.03, visible), rig=rig))
-
-
 @pytest.mark.parametrize(("first", "found"), [(5, [False, True]), (1, [True, False]), (4, [False, False])])
 def test_a_single_ray_on_another_markers_point_is_a_double(first, found):
-    naming = half_seen(first)
+    """One marker between two that are expected, the one of which `first` cameras see, the other the rest of six."""
+    rig, real, seen = ring_rig(6), np.array([0.05, 0.1, 1.1]), np.arange(6) < first
+    expected = expect_at(real + np.array([[0.03, 0, 0], [-0.03, 0, 0]]), 0.03, np.stack([seen, ~seen], axis=1), 6)
+    naming = consistent(label(pixels_of([real], rig), expected, rig=rig))
     assert (naming.slot >= 0).sum(axis=0).tolist() == [first, 6 - first]
-    assert np.array_equal(doubles(naming), (naming.slot >= 0) & found)
+    assert np.array_equal(labelling.doubles(naming), (naming.slot >= 0) & found)

@@ -52,13 +52,10 @@ def body(seed: int = 0, limb: float = 0.0, form: float = 0.0, place: float = 0.0
 
 def _plane(outward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Forward (or left, where that is outward) and up (or forward) as seen from outside."""
+    forward, left, up = np.eye(3)
     if abs(outward[2]) > 0.5:
-        return np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
-    return (
-        (np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))
-        if abs(outward[1]) > 0.5
-        else (np.array([0, 1.0, 0]), np.array([0, 0, 1.0]))
-    )
+        return forward, left
+    return (forward if abs(outward[1]) > 0.5 else left), up
 
 
 def walk(person: Body, seed: int = 0, frames: int = FRAMES, liveliness: float = 1.0) -> np.ndarray:

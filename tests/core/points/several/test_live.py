@@ -19,6 +19,7 @@ from addon.io.models import open_model
 from scripts.virtual_take import write_virtual_take
 
 MARKERS = 26
+NOTHING = np.zeros((0, 2 * MARKERS, 3))
 SUBJECTS = tuple(Wearer(name, open_model(MODEL)) for name in ("1", "2"))
 
 
@@ -36,8 +37,8 @@ def people(tmp_path_factory):
 def window(xyz: np.ndarray, marker: np.ndarray | None = None, shown: np.ndarray | None = None) -> Window:
     """That of markers (T, L, 3) m in the last frames, called so (L,) before, and so in some frames (K, 2 M, 3)."""
     lanes = xyz.shape[1]
-    nothing = np.full(lanes, -1) if marker is None else marker
-    return Window(0, 60.0, np.arange(lanes), xyz, nothing, np.zeros((0, 2 * MARKERS, 3)) if shown is None else shown)
+    marker, shown = np.full(lanes, -1) if marker is None else marker, NOTHING if shown is None else shown
+    return Window(0, 60.0, np.arange(lanes), xyz, marker, shown)
 
 
 def named(given: Window, true: np.ndarray):

@@ -14,6 +14,7 @@ from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points
 from addon.core.geometry.rotations import exponential, rotation_vector
+from addon.core.geometry.upright import turned
 from addon.core.points.motion import motion_of
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
@@ -32,37 +33,27 @@ from addon.core.simulation.virtual import Act, draw_person
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.models import open_model
-from tests.core.scenes import RATE, anonymous, walker
+from tests.core.scenes import RATE, anonymous, in_pieces, walker
 from tests.inputs.worn import with_fingers
 
 FRAMES = 100
+SURE = PointOptions("likelihood", 0.99)
 
 
 @cache
 def person(seed: int, way: int, lane: float) -> np.ndarray:
     """(T, 15, 3) m: a virtual person in gait15 who walks along x, or the other way, and is at x = 0 in the middle."""
     markers = walker("gait15", seed, [Act(FRAMES / RATE)])[:FRAMES]
-    middle = markers[..., :2].mean(axis=1)
+    middle = markers.mean(axis=1) * [1, 1, 0]
     along = middle[-1] - middle[0]
     turn = -np.arctan2(along[1], along[0]) + (np.pi if way < 0 else 0)
-    cos, sin = np.cos(turn), np.sin(turn)
-    flat = (markers[..., :2] - middle[FRAMES // 2]) @ np.array([[cos, sin], [-sin, cos]]) + [0, lane]
-    return np.concatenate([flat, markers[..., 2:]], axis=2)
+    return turned(markers - middle[FRAMES // 2], np.full(FRAMES, turn)) + np.array([0, lane, 0])
 
 
 def shown(people: list[np.ndarray]) -> tuple[Points, np.ndarray]:
     """A take of people (T, 15, 3) m with a trajectory for each time that a marker is there; and whose marker it is."""
-    columns, truth = [], []
-    for index, whole in enumerate(people):
-        for marker in range(whole.shape[1]):
-            seen = np.flatnonzero(np.isfinite(whole[:, marker, 0]))
-            for part in np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1):
-                columns.append(np.full((len(whole), 3), np.nan))
-                columns[-1][part] = whole[part, marker]
-                truth.append(marker + whole.shape[1] * index)
-    order = np.random.default_rng(3).permutation(len(columns))
-    xyz = np.stack(columns, axis=1)[:, order]
-    return anonymous(xyz), np.array(truth)[order]
+    xyz, truth = in_pieces(np.concatenate(people, axis=1), np.random.default_rng(3))
+    return anonymous(xyz), truth
 
 
 @pytest.fixture(scope="module")
@@ -80,15 +71,11 @@ def labelled(take: Points, asked: SeveralOptions | int, **options):
     return finished(label_several(take, asked, PointOptions("likelihood", **options)))
 
 
-def matched(given: np.ndarray, truth: np.ndarray, present: np.ndarray) -> tuple[int, int]:
-    """Right and wrong labels (T, P), whichever of the two is called 1."""
-    wanted = np.where(present, truth, -1)
-    best = None
-    for shift in (0, 15):
-        named = np.where(given >= 0, (given + shift) % 30, -1)
-        right, wrong = int(((named == wanted) & (named >= 0)).sum()), int(((named != wanted) & (named >= 0)).sum())
-        best = (right, wrong) if best is None or right > best[0] else best
-    return best
+def right_of(found, truth: np.ndarray, take: Points) -> float:
+    """The part of the points with the right name, whichever of the two is called 1; 0 where one has a wrong name."""
+    given, wanted = found.labels.marker, np.where(take.present, truth, -1)
+    either = [np.where(given >= 0, (given + shift) % 30, -1) for shift in (0, 15)]
+    return max((one == wanted)[take.present].mean() * (one == wanted)[one >= 0].all() for one in either)
 
 
 @pytest.mark.parametrize("count", [2, AUTO])
@@ -96,11 +83,8 @@ def test_two_who_pass_each_other_are_named(passing, count):
     take, truth = passing
     found = labelled(take, count)
     assert [one.name for one in found.worn.subjects] == ["1", "2"]
-    right, wrong = matched(found.labels.marker, truth, take.present)
-    assert wrong == 0
-    assert right > 0.95 * take.present.sum()
-    motion = found.motion.part(slice(0, FRAMES))
-    assert motion.markers.shape == (FRAMES, 30, 3)
+    assert right_of(found, truth, take) > 0.95
+    assert found.motion.part(slice(0, FRAMES)).markers.shape == (FRAMES, 30, 3)
     assert found.labels.marker[:, 0].max() < 15, "who is first in the file is 1"
 
 
@@ -120,9 +104,7 @@ def test_whom_single_frames_are_not_sure_of_must_sit_as_the_set_has_them_once_al
     take, truth = passing
     monkeypatch.setattr(pipeline, "frames_are_sure", bodies.take_will_say)
     found = labelled(take, 2)
-    right, wrong = matched(found.labels.marker, truth, take.present)
-    assert wrong == 0
-    assert right > 0.95 * take.present.sum()
+    assert right_of(found, truth, take) > 0.95
     shared = []
     monkeypatch.setattr(pipeline, "share", lambda *given: shared.append(given) or share(*given))
     monkeypatch.setattr(bodies, "REFUSAL", RefusalOptions(max_residual=1e-3))
@@ -131,8 +113,7 @@ def test_whom_single_frames_are_not_sure_of_must_sit_as_the_set_has_them_once_al
     assert shared, "nobody is judged before"
 
 
-def test_whoever_is_not_there_lacks_no_marker():
-    """Ghosts are offered to nobody who has left."""
+def test_ghosts_are_offered_to_nobody_who_has_left():
     seen = np.array([[True, True, True, False], [False, False, False, False]])
     frames = SimpleNamespace(frame=np.array([[0, -1], [1, -1]]))
     np.testing.assert_array_equal(lacking(frames, seen), [[False, False, False, True], [False] * 4])
@@ -150,25 +131,21 @@ def sure_of_all(xyz: np.ndarray, parts: int = 1) -> bodies.NamedBody:
 
 def test_no_solution_is_surer_of_a_name_than_it_is_ahead_of_another_body_with_it():
     one, near, far = (sure_of_all(person(1, 1, lane)) for lane in (0.0, 0.02, 5.0))
-    doubt_contested([one, far], PointOptions("likelihood", 0.99))
+    doubt_contested([one, near], replace(SURE, traced=True))
+    assert (one.solution.margin == 40).all() and (near.solution.margin == 40).all(), "as cameras traced their points"
+    doubt_contested([one, far], SURE)
     assert (one.solution.margin == 40).all()
-    doubt_contested([one, near], PointOptions("likelihood", 0.99))
+    doubt_contested([one, near], SURE)
     assert (one.solution.margin < least_margin(0.99)).all()
     assert (near.solution.margin < least_margin(0.99)).all()
     person_said = sure_of_all(person(1, 1, 0.0))
     person_said.solution.tracklets.held[3] = 3
-    doubt_contested([person_said, near], PointOptions("likelihood", 0.99))
+    doubt_contested([person_said, near], SURE)
     assert np.flatnonzero(person_said.solution.margin == 40).tolist() == [3]
     person_said, near = sure_of_all(person(1, 1, 0.0)), sure_of_all(person(1, 1, 0.02))
     person_said.solution.tracklets.held[:] = person_said.solution.marker
-    doubt_contested([person_said, near], PointOptions("likelihood", 0.99))
+    doubt_contested([person_said, near], SURE)
     assert (near.solution.margin >= least_margin(0.99)).all(), "what a person named is not taken in exchange"
-
-
-def test_names_of_points_that_cameras_traced_are_as_sure_as_they_were():
-    one, near = sure_of_all(person(1, 1, 0.0)), sure_of_all(person(1, 1, 0.02))
-    doubt_contested([one, near], PointOptions("likelihood", 0.99, traced=True))
-    assert (one.solution.margin == 40).all() and (near.solution.margin == 40).all()
 
 
 def test_what_nobody_contests_shows_how_a_body_is_built():
@@ -180,7 +157,7 @@ def test_what_nobody_contests_shows_how_a_body_is_built():
     late = beside + np.where(np.arange(FRAMES)[:, None, None] < FRAMES // 2, [0.0, 5.0, 0.0], 0.0)
     for there, sure in ((beside, False), (late, True)):
         body = sure_of_all(one, 2)
-        doubt_contested([body, sure_of_all(there, 2)], PointOptions("likelihood", 0.99))
+        doubt_contested([body, sure_of_all(there, 2)], SURE)
         assert (body.solution.margin[15 + ankle] >= least_margin(0.99)) == sure
 
 
@@ -219,16 +196,14 @@ def absent(whole: np.ndarray, first: int, after: int, elsewhere: float = 0.0) ->
 def test_who_comes_back_is_who_left(people):
     take, truth = shown(people)
     found = labelled(take, 2)
-    right, wrong = matched(found.labels.marker, truth, take.present)
-    assert wrong == 0
-    assert right > 0.9 * take.present.sum()
+    assert right_of(found, truth, take) > 0.9
 
 
 def test_who_comes_back_and_may_be_either_is_asked():
     """Two of one build leave together: nothing tells which of them comes back where."""
     take, truth = shown([absent(person(1, 1, 0.0), 35, 65), absent(person(1, -1, 0.8), 35, 65)])
     found = labelled(take, 2)
-    assert matched(found.labels.marker, truth, take.present)[1] == 0
+    assert right_of(found, truth, take) > 0
     named = found.labels.named.any(axis=1)
     (asked,) = [one for one in found.suspects if "who may be 1 or 2" in one.words]
     assert not named[asked.first - 1 : asked.last].any(), "nobody has a name where it is asked who they are"
@@ -253,15 +228,13 @@ def test_a_full_disk_is_told_and_is_not_that_nobody_is_there(passing, tables):
 
 @pytest.mark.parametrize("count", [2, AUTO])
 def test_two_who_stand_still_for_long_are_as_sure_as_for_a_moment(count):
-    """Nobody learns more of a distance that nothing happens to."""
     poses = [person(seed, 1, 0.0)[:1] for seed in (1, 2)]
     poses = [one - one.mean(axis=1, keepdims=True) * [1, 1, 0] for one in poses]
     still = np.concatenate([poses[0], poses[1] + [0, 1.0, 0]], axis=1)
     xyz = still + np.random.default_rng(0).normal(0, 0.0003, (5000, 30, 3))
     take = anonymous(xyz, 50.0)
     found = labelled(take, count)
-    right, wrong = matched(found.labels.marker, np.arange(30), take.present)
-    assert (right, wrong) == (take.present.sum(), 0)
+    assert right_of(found, np.arange(30), take) == 1
 
 
 def test_a_presence_that_a_person_has_named_is_asked_no_more():
@@ -299,8 +272,7 @@ def test_a_prop_in_the_hand_and_who_holds_it_are_named(racket):
     xyz = np.concatenate([walker, held], axis=1)
     order = np.random.default_rng(5).permutation(20)
     take = anonymous(xyz[:, order])
-    asked = SeveralOptions(subjects=(Wearer("racket", racket), Wearer("ann", model)))
-    found = finished(label_several(take, asked, PointOptions("likelihood")))
+    found = labelled(take, SeveralOptions(subjects=(Wearer("racket", racket), Wearer("ann", model))))
     assert found.worn.markers[:6] == (*(f"racket:{name}" for name in NAMES), "ann:SACR")
     truth = np.broadcast_to(np.where(order >= 15, order - 15, order + 5), xyz.shape[:2])
     assert (found.labels.marker[found.labels.named] == truth[found.labels.named]).all()
@@ -311,7 +283,7 @@ def test_a_prop_that_is_not_there_is_said(racket):
     walker = person(1, 1, 0.0)
     asked = SeveralOptions(subjects=(Wearer("ann", open_model("gait15")), Wearer("bat", racket)))
     with pytest.raises(JobError, match="shows no bat, or not often enough to know it by the form of racket; expected"):
-        finished(label_several(anonymous(walker), asked, PointOptions("likelihood")))
+        labelled(anonymous(walker), asked)
 
 
 MARKERS = 26
@@ -369,38 +341,30 @@ def test_whoever_sways_alike_is_on_one_body_however_near_another_is():
     assert still.of_tracklet(0)[0].tolist() == [2, 1]
 
 
-def walked(points: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Points (T, 2 MARKERS, 3) m of two who go so far (T, 2, 2) m on the floor."""
-    moved = points.copy()
-    moved[:, :, :2] += np.repeat(way, MARKERS, axis=1)
-    return moved
+def by_place(points: np.ndarray, tracklet: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """On which body each tracklet is, of points (T, P, 3) m of two who go so far (T, 2, 2) m on the floor."""
+    points[:, : 2 * MARKERS, :2] += np.repeat(way, MARKERS, axis=1)
+    return bodies_by_place(points, tracklet, np.arange(0, len(points), 3), tracklet.max() + 1, 2)
 
 
 def test_two_who_walk_side_by_side_are_followed():
     points, tracklet, truth = standing(1.0, 8.0)
     way = np.zeros((len(points), 2, 2))
     way[..., 0] = np.linspace(0, 6, len(points))[:, None]
-    found = bodies_by_place(walked(points, way), tracklet, np.arange(0, len(points), 3), len(truth), 2)
+    found = by_place(points, tracklet, way)
     assert wrong(found, truth) == 0
     assert (found != NO_BODY).mean() > 0.8
 
 
-def gone(points: np.ndarray, tracklet: np.ndarray, frames: slice) -> tuple[np.ndarray, np.ndarray]:
-    """Points and tracklets without the second body in some frames, and with four of a thing 1.6 m from it in all."""
-    thing = np.full((len(points), THING, 3), [2.9, 0.7, 0.5]) + np.linspace(0, 0.1, THING)[:, None]
-    points = np.concatenate([points, thing], axis=1)
-    points[frames, MARKERS : 2 * MARKERS] = np.nan
-    things = np.tile(tracklet.max() + 1 + np.arange(THING), (len(points), 1))
-    tracklet = np.concatenate([np.where(np.isnan(points[:, : 2 * MARKERS, 0]), NO_BODY, tracklet), things], axis=1)
-    return points, tracklet
-
-
 def test_what_is_left_where_somebody_went_away_does_not_become_them():
+    """Four markers of a thing 1.6 m from the second body, which is nearer to the first one when it is back."""
     points, tracklet, truth = standing(1.5, 12.0)
     way = np.zeros((len(points), 2, 2))
-    way[480:, 1, 0] = -0.9  # is nearer to the first when it is back
-    points, tracklet = gone(walked(points, way), tracklet, slice(240, 480))
-    found = bodies_by_place(points, tracklet, np.arange(0, len(points), 3), len(truth) + THING, 2)
+    way[480:, 1, 0] = -0.9
+    points[240:480, MARKERS:], tracklet[240:480, MARKERS:] = np.nan, NO_BODY
+    thing = np.tile([2.9, 0.7, 0.5] + np.linspace(0, 0.1, THING)[:, None], (len(points), 1, 1))
+    things = np.tile(len(truth) + np.arange(THING), (len(points), 1))
+    found = by_place(np.concatenate([points, thing], axis=1), np.concatenate([tracklet, things], axis=1), way)
     assert (found[: len(truth)] != NO_BODY).sum() > 2 * MARKERS
     assert wrong(found[: len(truth)], truth) <= MARKERS
 
@@ -421,9 +385,8 @@ def test_bodies_that_come_chunk_by_chunk_get_the_joints_that_markers_show():
     parts = FinerBodies(worn, markerset)
     chunks = [{name: values[at] for name, values in vars(motion).items()} for at in np.split(np.arange(60), 3)]
     found = [parts.of(replace(motion, **chunk)) for chunk in chunks]
-    joints, turns, scale, expected = (
-        np.concatenate([getattr(one, name) for one in found]) for name in ("joints", "rotations", "scale", "expected")
-    )
+    names = "joints", "rotations", "scale", "expected"
+    joints, turns, scale, expected = (np.concatenate([getattr(one, name) for one in found]) for name in names)
     there = np.isfinite(joints).all(axis=(1, 2))
     np.testing.assert_array_equal(np.flatnonzero(~there), [10, 11, 12])
     assert (scale[there] == scale[0]).all()
@@ -443,7 +406,5 @@ def test_toes_without_markers_are_as_the_feet_and_all_else_stays_as_it_was_fitte
     feet = markerset.skeleton.parents[toes]
     np.testing.assert_array_equal(found.joints[:, :count], motion.joints)
     np.testing.assert_array_equal(found.rotations[:, toes], motion.rotations[:, feet])
-    far = np.linalg.norm(found.joints[:, toes] - motion.joints[:, feet], axis=2)
-    np.testing.assert_allclose(
-        far / motion.scale[:, :1], np.linalg.norm(markerset.skeleton.offsets[toes[0]]), atol=1e-4
-    )
+    far = np.linalg.norm(found.joints[:, toes] - motion.joints[:, feet], axis=2) / motion.scale[:, :1]
+    np.testing.assert_allclose(far, np.linalg.norm(markerset.skeleton.offsets[toes[0]]), atol=1e-4)

@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import JobError
-from addon.core.data.progress import finished
-from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
+from addon.core.data.takes import NO_MARKER
 from addon.core.points.likelihood.distances import DistanceConstraints
 from addon.core.points.likelihood.naming import settle
 from addon.core.points.likelihood.shape import Latent, Shape
 from addon.core.points.models import namer_of
 from addon.core.points.refusals import REFUSAL, refuse_unlike
-from addon.core.points.tracklets import cut
-from addon.core.points.whole_take.deciding import labels_of
 from addon.core.points.whole_take.layout import block_exchanges, named_by_layout
 from addon.core.points.whole_take.objective import usual_fit
-from addon.core.points.whole_take.solving import solve_take
+
+from .test_solving import said, solved_of, told
 
 UNHELD = DistanceConstraints(np.zeros((0, 2), int), np.zeros(0), np.zeros(0), 0.05)
 
@@ -46,39 +44,22 @@ def test_names_that_moved_up_are_put_right_at_once_where_a_block_is_seen_for_lon
     assert block_exchanges(known, now, np.arange(7)).shape == (0, 7)
 
 
-RATE = 100.0
 FRAMES = 200
 FOOT = "LANK", "LHEE", "LTOE"
 
 
-def beside(markers: np.ndarray) -> np.ndarray:
-    """(T, M, 3) m, a point on the way from each marker to the one that is usually next to it."""
-    between = np.nanmean(np.linalg.norm(markers[::10, :, None] - markers[::10, None], axis=3), axis=0)
-    np.fill_diagonal(between, np.inf)
-    near = between.argmin(axis=1)
-    return markers + 0.4 * (markers[:, near] - markers)
-
-
-def shuffled(tracks: np.ndarray, markers: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """The same points (T, P, 3) in another order, and which of the markers each is, or none."""
-    order = np.random.default_rng(seed).permutation(tracks.shape[1])
-    return tracks[:, order], np.where(order < markers, order, NO_MARKER)
-
-
-def said(points: np.ndarray, marker: np.ndarray) -> Labels:
-    """What frames say on their own: these names (T, P)."""
-    known = (marker != NO_MARKER) & np.isfinite(points[..., 0])
-    chance = np.where(known, 0.97, 0.0)
-    return Labels(np.where(known, marker, NO_MARKER), np.where(known, BY_LIKELIHOOD, NO_STEP), chance, chance)
-
-
 def test_a_crowd_is_told_from_the_set_where_frames_know_the_trunk_only(model, markers):
-    points, whose = shuffled(np.concatenate([markers, beside(markers)], axis=1), markers.shape[1])
-    trunk = [model.markerset.markers.index(name) for name in ("LASI", "RASI", "SACR", "LSHO", "RSHO", "LELB", "RELB")]
-    named = said(points, np.broadcast_to(np.where(np.isin(whose, trunk), whose, NO_MARKER), points.shape[:2]))
-    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
-    given = labels_of(solution, named, 0.999, model.markerset.markers).labels.marker
-    truth = np.where(np.isfinite(points[..., 0]), whose, NO_MARKER)
+    """A point more is on the way from each marker to the one that is usually next to it."""
+    count = markers.shape[1]
+    between = np.nanmean(np.linalg.norm(markers[::10, :, None] - markers[::10, None], axis=3), axis=0)
+    near = (between + np.diag(np.full(count, np.inf))).argmin(axis=1)
+    order = np.random.default_rng(3).permutation(2 * count)
+    points = np.concatenate([markers, markers + 0.4 * (markers[:, near] - markers)], axis=1)[:, order]
+    whose = np.where(order < count, order, NO_MARKER)
+    trunk = [model.markerset.index(name) for name in ("LASI", "RASI", "SACR", "LSHO", "RSHO", "LELB", "RELB")]
+    named = said(points, whose, np.isin(whose, trunk))
+    solution = solved_of(model, points, named)
+    given, truth = told(model, solution, named).labels.marker, np.where(np.isfinite(points[..., 0]), whose, NO_MARKER)
     assert solution.crowd
     assert (given[given != NO_MARKER] == truth[given != NO_MARKER]).all()
     assert (given == truth)[truth != NO_MARKER].mean() > 0.9

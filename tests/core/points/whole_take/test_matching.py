@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tracklets and markers matched at once, against all namings tried one by one; and ties, which are left open."""
 
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 import pytest
@@ -22,12 +22,8 @@ from addon.io.models import open_model
 def allowed(marker, first, last) -> bool:
     """Whether no two tracklets that meet have one name."""
     end = np.maximum(last - VOTE.max_overlap_frames, first)
-    for one in range(len(marker)):
-        for other in range(one):
-            meet = first[one] <= end[other] and first[other] <= end[one]
-            if meet and marker[one] == marker[other] != NO_MARKER:
-                return False
-    return True
+    meeting = ((a, b) for a, b in combinations(range(len(marker)), 2) if first[a] <= end[b] and first[b] <= end[a])
+    return not any(marker[a] == marker[b] != NO_MARKER for a, b in meeting)
 
 
 def total(odds, marker) -> float:

@@ -8,7 +8,7 @@ import pytest
 
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
-from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points
+from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points, Verdict
 from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
 from addon.core.geometry.upright import turned
@@ -22,14 +22,14 @@ from addon.core.points.whole_take.objective import USUAL_FREEDOM, Objective, ful
 from addon.core.points.whole_take.pairs import PairDistances, in_take, moments, trained_pairs
 from addon.core.points.whole_take.rulings import Rulings
 from addon.core.points.whole_take.search import Search
-from addon.core.points.whole_take.solving import solve_take
-from addon.core.points.whole_take.tracklets import seen_in, tracklets_of
+from addon.core.points.whole_take.solving import Solution, solve_take
+from addon.core.points.whole_take.tracklets import Tracklets, seen_in, tracklets_of
+from tests.core.scenes import in_pieces
 
 RATE = 100.0
 FRAMES = 300
 BURST = 20
 LEFT_WRIST = "LWRA", "LWRB"
-FIELDS = "marker", "step", "confidence", "rate"
 
 
 def pieces(markers: np.ndarray, seed: int = 1, hidden: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -37,70 +37,38 @@ def pieces(markers: np.ndarray, seed: int = 1, hidden: int = 3) -> tuple[np.ndar
     rng = np.random.default_rng(seed)
     markers = markers.copy()
     for first in range(0, len(markers), BURST):
-        markers[first : first + BURST, rng.choice(markers.shape[1], rng.integers(0, hidden + 1), replace=False)] = (
-            np.nan
-        )
-    tracks, whose = [], []
-    for marker in range(markers.shape[1]):
-        seen = np.isfinite(markers[:, marker, 0]).astype(int)
-        for first, after in np.flatnonzero(np.diff(np.r_[0, seen, 0])).reshape(-1, 2):
-            track = np.full((len(markers), 3), np.nan)
-            track[first:after] = markers[first:after, marker]
-            tracks.append(track)
-            whose.append(marker)
-    order = rng.permutation(len(tracks))
-    return np.stack(tracks, axis=1)[:, order], np.array(whose)[order]
+        gone = rng.choice(markers.shape[1], rng.integers(0, hidden + 1), replace=False)
+        markers[first : first + BURST, gone] = np.nan
+    return in_pieces(markers, rng)
 
 
-def said(points: np.ndarray, whose: np.ndarray, where: np.ndarray, confidence: float = 0.97) -> Labels:
+def said(points: np.ndarray, whose: np.ndarray, where: np.ndarray | bool, confidence: float = 0.97) -> Labels:
     """What frames say on their own: the truth of the points `where` (T, P), nothing elsewhere."""
     known = np.isfinite(points[..., 0]) & where
-    marker = np.where(known, whose, NO_MARKER)
-    step = np.where(known, BY_LIKELIHOOD, NO_STEP)
     chance = np.where(known, confidence, 0.0)
-    return Labels(marker, step, chance, chance)
+    return Labels(np.where(known, whose, NO_MARKER), np.where(known, BY_LIKELIHOOD, NO_STEP), chance, chance)
 
 
-def wrong_and_missing(marker: np.ndarray, points: np.ndarray, whose: np.ndarray) -> tuple[int, float]:
-    present = np.isfinite(points[..., 0])
-    truth = np.where(present, whose, NO_MARKER)
-    named = marker != NO_MARKER
-    return int((named & (marker != truth)).sum()), float((present & ~named).sum() / present.sum())
+def solved_of(model, points: np.ndarray, named: Labels, rate: float = RATE) -> Solution:
+    return finished(solve_take(points, cut(points, rate), named, model, rate))
+
+
+def told(model, solution: Solution, named: Labels, target: float = 0.999) -> Verdict:
+    return labels_of(solution, named, target, model.markerset.markers)
 
 
 def test_a_third_of_the_frames_name_the_whole_take_and_no_less_of_it_with_a_lax_target(model, markers):
     points, whose = pieces(markers)
-    early = np.arange(FRAMES)[:, None] < FRAMES // 3
-    named = said(points, whose, np.broadcast_to(early, points.shape[:2]))
-    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
-    labels = labels_of(solution, named, 0.999, model.markerset.markers).labels
-    wrong, missing = wrong_and_missing(labels.marker, points, whose)
-    assert wrong == 0
-    assert missing < 0.01
+    named = said(points, whose, np.arange(FRAMES)[:, None] < FRAMES // 3)
+    solution = solved_of(model, points, named)
+    labels, present = told(model, solution, named).labels, np.isfinite(points[..., 0])
+    assert (labels.marker == np.where(present, whose, NO_MARKER))[labels.named].all()
+    assert labels.named[present].mean() > 0.99
     assert (labels.step[FRAMES // 2 :][labels.named[FRAMES // 2 :]] == BY_TRAJECTORY).all()
-    given = [
-        labels_of(solution, named, target, model.markerset.markers).labels.named.sum()
-        for target in (0.9, 0.999, 0.99999, 1 - 1e-15)
-    ]
+    targets = (0.9, 0.999, 0.99999, 1 - 1e-15)
+    given = [told(model, solution, named, target).labels.named.sum() for target in targets]
     assert given == sorted(given, reverse=True)
     assert given[-1] < given[0]
-
-
-def test_points_that_are_no_marker_get_no_name(model, markers):
-    points, whose = pieces(markers)
-    rng = np.random.default_rng(2)
-    ghosts = np.full((FRAMES, 6, 3), np.nan)
-    for column in range(6):
-        first = 40 * column
-        ghosts[first : first + 50, column] = (
-            points[first, 0] * 0 + np.nanmean(markers[first], axis=0) + rng.normal(0, 0.3, 3)
-        )
-        ghosts[first : first + 50, column] += np.cumsum(rng.normal(0, 0.002, (50, 3)), axis=0)
-    points, whose = np.concatenate([points, ghosts], axis=1), np.r_[whose, np.full(6, NO_MARKER)]
-    named = said(points, whose, whose >= 0)
-    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
-    labels = labels_of(solution, named, 0.999, model.markerset.markers).labels
-    assert (labels.marker[:, whose == NO_MARKER] == NO_MARKER).all()
 
 
 @pytest.mark.parametrize("every", [1, 4])
@@ -110,20 +78,19 @@ def test_an_unmodelled_marker_that_lasts_half_a_second_competes_at_any_rate(mode
     beside[int(0.5 * RATE) :] = np.nan
     points, rate = np.concatenate([markers, beside], axis=1)[::every], RATE / every
     whose = np.append(np.arange(markers.shape[1]), NO_MARKER)
-    named = said(points, whose, whose >= 0)
-    assert finished(solve_take(points, cut(points, rate), named, model, rate)).extras == 1
+    assert solved_of(model, points, said(points, whose, whose >= 0), rate).extras == 1
 
 
 def test_names_that_nothing_has_or_that_no_answer_makes_sure_are_not_asked_about(model, markers):
     points, whose = pieces(markers)
-    named, names = said(points, whose, np.ones(points.shape[:2], bool)), model.markerset.markers
-    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
+    named, names = said(points, whose, True), model.markerset.markers
+    solution = solved_of(model, points, named)
     pair = names.index("LELB"), names.index("RELB")
     words = "LELB and RELB may have each other's names in the whole take"
     for unworn, answered, asks in (((), 9.0, True), (pair[:1], 9.0, True), (pair, 9.0, False), ((), 1.0, False)):
         marker = np.where(np.isin(solution.marker, unworn), NO_MARKER, solution.marker)
         worn = replace(solution, marker=marker, questions=(Question(*pair, 0.1, answered),))
-        assert (words in [one.words for one in labels_of(worn, named, 0.999, names).suspects]) == asks
+        assert (words in [one.words for one in told(model, worn, named).suspects]) == asks
 
 
 def exchanged(model, one: str, other: str) -> np.ndarray:
@@ -133,10 +100,15 @@ def exchanged(model, one: str, other: str) -> np.ndarray:
     return order
 
 
+def tracklets_in(model, points: np.ndarray, whose: np.ndarray) -> tuple[Tracklets, Labels]:
+    """The tracklets of points (T, P, 3) m, and what frames say: nothing."""
+    nothing = said(points, whose, False)
+    return tracklets_of(points, cut(points, RATE), nothing, len(model.markerset)), nothing
+
+
 def objective_of(model, points: np.ndarray, whose: np.ndarray) -> tuple[Objective, np.ndarray]:
     """The objective of points (T, P, 3) m of whose frames nothing is said, and what its tracklets are."""
-    nothing = said(points, whose, np.zeros(points.shape[:2], bool))
-    tracklets = tracklets_of(points, cut(points, RATE), nothing, len(model.markerset))
+    tracklets, nothing = tracklets_in(model, points, whose)
     truth = whose[tracklets.lane]
     objective = Objective(points, tracklets, nothing, model, RATE)
     objective.look_at(truth)
@@ -156,25 +128,18 @@ def test_an_exchange_is_surer_by_many_poses_than_by_one(model, markers):
     assert more[1] < -0.1
 
 
-def exchanged_for_a_while(markers: np.ndarray, names) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pieces in which both wrists' markers are hidden at once twice, whose they are, and names exchanged in between."""
-    one, other = (names.index(name) for name in LEFT_WRIST)
-    markers = markers.copy()
-    for first in (100, 160):
-        markers[first : first + 10, [one, other]] = np.nan
-    points, whose = pieces(markers, hidden=0)
-    given = whose.copy()
-    first = np.array([np.flatnonzero(np.isfinite(column))[0] for column in points[..., 0].T])
-    between = np.isin(whose, (one, other)) & (first == 110)
-    given[between] = one + other - whose[between]
-    assert between.sum() == 2
-    return points, whose, given
-
-
 def test_an_exchange_for_a_while_is_undone(model, markers):
-    points, whose, given = exchanged_for_a_while(markers, model.markerset.markers)
-    named = said(points, given, np.ones(points.shape[:2], bool), 0.6)
-    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
+    """Both wrists' markers are hidden at once twice, and their names exchanged in between."""
+    one, other = (model.markerset.index(name) for name in LEFT_WRIST)
+    hidden = markers.copy()
+    for first in (100, 160):
+        hidden[first : first + 10, [one, other]] = np.nan
+    points, whose = pieces(hidden, hidden=0)
+    first = np.isfinite(points[..., 0]).argmax(axis=0)
+    between = np.isin(whose, (one, other)) & (first == 110)
+    assert between.sum() == 2
+    given = np.where(between, one + other - whose, whose)
+    solution = solved_of(model, points, said(points, given, True, 0.6))
     assert solution.marker.tolist() == whose[solution.tracklets.lane].tolist()
 
 
@@ -185,10 +150,8 @@ def test_a_limb_that_is_one_place_off_is_put_right(model, markers, limb):
     given = whose.copy()
     for one, other in zip(limb, [*limb[1:], NO_MARKER], strict=True):
         given[whose == one] = other
-    named = said(points, given, np.ones(points.shape[:2], bool), 0.9)
-    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
-    right = solution.marker == whose[solution.tracklets.lane]
-    assert right.mean() > 0.95
+    solution = solved_of(model, points, said(points, given, True, 0.9))
+    assert (solution.marker == whose[solution.tracklets.lane]).mean() > 0.95
 
 
 def test_a_few_frames_that_are_right_begin_it_anew(model, markers):
@@ -199,25 +162,24 @@ def test_a_few_frames_that_are_right_begin_it_anew(model, markers):
     upper = np.arange(26)
     upper[lower] = np.setdiff1d(upper, lower)[: len(lower)]
     right = np.arange(FRAMES)[:, None] % 50 == 7
-    named = said(points, whose, np.broadcast_to(right, points.shape[:2]))
-    wrong = said(points, upper[whose], np.broadcast_to(~right, points.shape[:2]))
-    named = Labels(*(np.where(right, getattr(named, one), getattr(wrong, one)) for one in FIELDS))
-    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
+    solution = solved_of(model, points, said(points, np.where(right, whose, upper[whose]), True))
     assert (solution.marker == whose[solution.tracklets.lane]).mean() > 0.95
+
+
+def is_tried(marker: np.ndarray, proposals) -> bool:
+    return any((one == marker).all() for one in proposals)
 
 
 def test_what_is_there_without_a_name_may_be_a_marker_that_is_not(model, markers):
     objective, truth = objective_of(model, *pieces(markers, hidden=0))
     unnamed = np.where(truth == 3, NO_MARKER, truth)
-    search = Search(objective, unnamed, USUAL_FREEDOM)
-    assert any((one == truth).all() for one in search._chains())
-    objective, truth = objective_of(
-        model, *pieces(np.where(np.arange(FRAMES)[:, None, None] % 100 < 5, np.nan, markers), hidden=0)
-    )
+    assert is_tried(truth, Search(objective, unnamed, USUAL_FREEDOM)._chains())
+    parted = np.where(np.arange(FRAMES)[:, None, None] % 100 < 5, np.nan, markers)
+    objective, truth = objective_of(model, *pieces(parted, hidden=0))
     for of in np.flatnonzero(truth == 3).tolist():
         search = Search(objective, np.where(np.arange(len(truth)) == of, NO_MARKER, truth), USUAL_FREEDOM)
         search._odds = np.full_like(search._odds, -20)
-        assert any((one == truth).all() for one in search._alone())
+        assert is_tried(truth, search._alone())
 
 
 def test_a_name_that_another_has_for_a_while_goes_to_what_is_likelier_it(model, markers):
@@ -229,13 +191,12 @@ def test_a_name_that_another_has_for_a_while_goes_to_what_is_likelier_it(model, 
     count = objective.tracklets.count
     given = np.where(count == 2 * BURST, NO_MARKER, np.where(count == BURST, one, truth))
     goes = np.where(count == BURST, NO_MARKER, truth)
-    assert any((each == goes).all() for each in Search(objective, given, USUAL_FREEDOM)._alone())
+    assert is_tried(goes, Search(objective, given, USUAL_FREEDOM)._alone())
 
 
 def test_markers_of_a_long_take_are_looked_up_where_they_are_asked_for(model, markers):
     points, whose = pieces(markers)
-    nothing = said(points, whose, np.zeros(points.shape[:2], bool))
-    tracklets = tracklets_of(points, cut(points, RATE), nothing, len(whose))
+    tracklets, _ = tracklets_in(model, points, whose)
     own = whose[tracklets.lane]
     placed = tracklets.placed(points, own, len(model.markerset))
     looked_up = tracklets.placed(points, own, len(model.markerset), LaneOptions(whole_cells=0))
@@ -245,20 +206,9 @@ def test_markers_of_a_long_take_are_looked_up_where_they_are_asked_for(model, ma
     np.testing.assert_array_equal(likeness(tracklets, looked_up, *about), likeness(tracklets, placed, *about))
 
 
-def test_the_objective_is_highest_for_the_truth(model, markers):
-    objective, truth = objective_of(model, *pieces(markers))
-    right = objective.of(truth)
-    for pair in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
-        assert objective.gain(objective.of(exchanged(model, *pair)[truth]), right) < 0
-    hidden = np.where(truth == 3, NO_MARKER, truth)
-    assert objective.gain(objective.of(hidden), right) < 0
-    assert objective.gain(right, right) == 0
-
-
 def test_a_search_asks_the_shape_of_frames_that_the_names_it_begins_with_show(model, markers):
     """Of whole trajectories frames on their own may say this as often as that, and none is begun with by them."""
-    nothing = said(markers, np.arange(26), np.zeros(markers.shape[:2], bool))
-    tracklets = tracklets_of(markers, cut(markers, RATE), nothing, 26)
+    tracklets, nothing = tracklets_in(model, markers, np.arange(26))
     search = Search(Objective(markers, tracklets, nothing, model, RATE), np.arange(26)[tracklets.lane], USUAL_FREEDOM)
     assert search.best.settled is not None
 
@@ -268,12 +218,9 @@ def test_an_extra_that_lasts_is_not_left_out_again_and_a_marker_may_be(model, ma
     objective.extras = 1
     marker = np.where(truth == 3, 26, truth)
     search = Search(objective, marker, USUAL_FREEDOM)
-    left_out = {
-        name: any((one[of] == NO_MARKER) for one in search._of_one(of))
-        for name in (0, 26)
-        for of in [int(np.flatnonzero(marker == name)[0])]
-    }
-    assert left_out == {0: True, 26: False}
+    for name, is_left_out in ((0, True), (26, False)):
+        of = int(np.flatnonzero(marker == name)[0])
+        assert any(one[of] == NO_MARKER for one in search._of_one(of)) == is_left_out
 
 
 def test_what_had_the_name_of_an_extra_that_takes_it_may_be_nothing(model, markers):
@@ -294,7 +241,7 @@ def test_what_has_the_name_of_one_that_is_seldom_there_changes_it_and_the_name_i
     objective.extras = 1
     short = objective.tracklets.count < FRAMES // 2
     given = np.select([truth == other, (truth == one) & short, truth == one], [one, other, len(model.markerset)], truth)
-    assert any((each == truth).all() for each in Search(objective, given, USUAL_FREEDOM)._shifted())
+    assert is_tried(truth, Search(objective, given, USUAL_FREEDOM)._shifted())
 
 
 @pytest.mark.parametrize("size", [1.0, 0.8])
@@ -312,7 +259,7 @@ def test_wrists_that_have_each_others_names_are_on_the_wrong_side(model, markers
 
 def test_a_group_is_tried_as_most_frames_on_their_own_have_it(model, markers):
     points, whose = np.concatenate([markers, markers[:, -2:] + 0.03], axis=1), np.arange(28)
-    named = said(points, whose, np.broadcast_to(whose < 26, points.shape[:2]))
+    named = said(points, whose, whose < 26)
     tracklets = tracklets_of(points, cut(points, RATE), named, 26)
     objective, truth = Objective(points, tracklets, named, model, RATE), whose[tracklets.lane]
     objective.extras = 2
@@ -333,7 +280,7 @@ def test_of_a_limb_nobody_wears_one_marker_alone(model, markers):
         worn = markers.copy()
         worn[:, away] = np.nan
         points, whose = pieces(worn, hidden=0)
-        solution = finished(solve_take(points, cut(points, RATE), said(points, whose, whose >= 0), model, RATE))
+        solution = solved_of(model, points, said(points, whose, True))
         margin = solution.margin[solution.marker == toe]
         assert len(margin) and ((margin == 0) == bool(away)).all()
 
@@ -373,11 +320,10 @@ def test_a_ghost_is_no_marker_that_is_not_there(model, markers, frames, heard, t
     ghost[100 : 100 + frames, 0] = markers[100 : 100 + frames, hidden] + [0.01, 0.0, 0.01]
     points, whose = np.concatenate([points, ghost], axis=1), np.r_[whose, hidden if heard else NO_MARKER]
     named = said(points, whose, whose >= 0)
-    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
+    solution = solved_of(model, points, named)
     assert hidden in solution.marker
     for target in targets:
-        labels = labels_of(solution, named, target, model.markerset.markers).labels
-        assert (labels.marker[:, -1] == NO_MARKER).all()
+        assert not told(model, solution, named, target).labels.named[:, -1].any()
 
 
 def test_frames_in_no_order_and_sets_on_rigid_bodies_are_not_solved(model):
@@ -416,7 +362,7 @@ def test_an_exchange_of_markers_that_were_not_put_on_again_is_told_by_millimetre
 @pytest.fixture(scope="module")
 def everything(model, markers):
     """Labels by which both wrists' markers have each other's names in all of the take."""
-    return said(markers, exchanged(model, *LEFT_WRIST), np.ones(markers.shape[:2], bool))
+    return said(markers, exchanged(model, *LEFT_WRIST), True)
 
 
 def rulings_of(model, markers, labels: Labels, *edits) -> Rulings:
@@ -427,22 +373,17 @@ def rulings_of(model, markers, labels: Labels, *edits) -> Rulings:
 
 def solved(model, markers, labels: Labels, rulings: Rulings) -> np.ndarray:
     """(T, P) the markers of the take once it is solved with the rulings."""
-    pieces = rulings.parted()
     heard = rulings.applied_to(labels)
-    solution = finished(solve_take(markers, pieces, heard, model, RATE, rulings=rulings))
-    return labels_of(solution, heard, 0.999, model.markerset.markers).labels.marker
+    solution = finished(solve_take(markers, rulings.parted(), heard, model, RATE, rulings=rulings))
+    return told(model, solution, heard).labels.marker
 
 
 def test_one_frame_of_one_marker_puts_the_whole_take_right(model, markers, everything):
     """The other marker too, before that frame and after it, though every frame says otherwise."""
-    one, other = (model.markerset.index(name) for name in LEFT_WRIST)
+    one = model.markerset.index(LEFT_WRIST[0])
     rulings = rulings_of(model, markers, everything, AssignPoint(one, LEFT_WRIST[0], frames=(100, 100)))
     marker = solved(model, markers, everything, rulings)
-    present = np.isfinite(markers[..., 0])
-    assert (marker[:, one] == one)[present[:, one]].all()
-    assert (marker[:, other] == other)[present[:, other]].all()
-    rest = np.setdiff1d(np.arange(len(model.markerset)), [one, other])
-    assert (marker[:, rest] == np.where(present, np.arange(len(model.markerset)), NO_MARKER)[:, rest]).all()
+    assert (marker == np.where(np.isfinite(markers[..., 0]), np.arange(len(model.markerset)), NO_MARKER)).all()
 
 
 def test_a_held_name_is_believed_against_everything_and_is_nobody_elses(model, markers, everything):
@@ -475,10 +416,7 @@ def test_a_tracklet_is_cut_at_a_gap_in_which_another_has_its_name(model, markers
     broken = np.concatenate([markers, np.full((FRAMES, 1, 3), np.nan)], axis=1)
     broken[100:120, -1] = broken[100:120, toe]
     broken[98:122, toe] = np.nan
-    labels = Labels(
-        *(np.pad(column, ((0, 0), (0, 1))) for column in (everything.marker, everything.step)),
-        *[np.pad(column, ((0, 0), (0, 1))) for column in (everything.confidence, everything.rate)],
-    )
+    labels = Labels(*(np.pad(column, ((0, 0), (0, 1))) for column in vars(everything).values()))
     labels.marker[:, -1] = NO_MARKER
     whole = cut(broken, RATE)
     assert whole[0, toe] == whole[-1, toe]

@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Prints what a person waits for in a real window with everything on: python -m tests.benchmarks.room.
-
-A take of 20,000 frames of 62 markers: shown, scrubbed, picked in, corrected with a step of undo, saved and opened.
-"""
+"""Runs a script beside this one in a real Blender's window."""
 
 import json
 import os
 import sys
 import tempfile
 from pathlib import Path
-
-import numpy as np
 
 from scripts import build, real_blender
 
@@ -37,16 +32,3 @@ def in_window(script: str, **task) -> dict:
     version = ".".join(map(str, blender.version))
     print(f"Blender {version}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, drawn by software\n")
     return seen
-
-
-def main():
-    """Prints the figures."""
-    seen = in_window("room")
-    print("| what | by the clock | least | of the processor | least |\n| --- | ---: | ---: | ---: | ---: |")
-    for what, times in seen.items():
-        (clock, core), (least, least_core) = 1000 * np.median(times, axis=0), 1000 * np.min(times, axis=0)
-        print(f"| {what} | {clock:.1f} ms | {least:.1f} ms | {core:.1f} ms | {least_core:.1f} ms |")
-
-
-if __name__ == "__main__":
-    main()
