@@ -106,6 +106,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: names given alone": {f"{SEARCH}._alone": _no_moves},
     "points: as frames say": {f"{SEARCH}._as_said": _no_moves},
     "points: whole frames": {f"{SEARCH}._of_frames": _no_moves},
+    "points: markers not put on again": {"points.whole_take.layout_odds.Unmoved.odds": lambda self, shown: 0.0},
     "points: sides": {
         "points.whole_take.layout_odds.LayoutOdds._of_sides": lambda self, orders, most: np.zeros(
             (len(orders), self.markers)

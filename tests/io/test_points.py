@@ -618,6 +618,14 @@ def test_arms_spread_out_and_who_lies_are_no_height_and_nothing_to_look_at_leave
     assert (find_up("-Z", nowhere, NAMES).axis, find_up("", nowhere, NAMES, usual="+Y").axis) == ("+Z", "+Y")
 
 
+@pytest.mark.parametrize("up", ["+Z", "+Y"])
+def test_a_ghost_below_the_floor_in_a_third_of_the_frames_hides_nobody(up):
+    many = np.concatenate([person() + np.array([0.0, 0.01 * place, 0.0]) for place in range(6)], axis=1)
+    ghost = np.full((len(many), 1, 3), np.nan)
+    ghost[::3] = many[::3, :1] - [0.0, 0.0, 2.2]
+    assert find_up("", turned(np.append(many, ghost, axis=1), up), ("",) * (many.shape[1] + 1)).axis == up
+
+
 def test_minus_z_is_written_where_z_is_up_and_two_people_are_no_wider_than_one():
     anybody = np.random.default_rng(0).uniform(-0.2, 0.2, (50, 10, 3))
     found = find_up("-Z", anybody, NAMES)

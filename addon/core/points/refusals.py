@@ -38,8 +38,8 @@ class RefusalOptions:
     min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
     max_residual    measured: mean square, over what training leaves, between markers and where the set has them: 0.14
                     to 0.2 on walks in a crowd, 0.2 to 0.52 on people in each other's reach, 0.7 to 2.4 on other sets
-    min_log_likelihood  measured: nats a marker of the usual frame where single frames are not sure: 5.1 at least in
-                        takes of other labs, 4 at most of sets that do not share most places
+    min_layout      measured: log odds a marker of where the set has it, where single frames are not sure: 5.1 at least
+                    in takes of other labs, 4.7 at most of other sets and where many names are wrong
     """
 
     max_points: int = 400
@@ -50,7 +50,7 @@ class RefusalOptions:
     crowd: float = 1.6
     min_half: float = 0.5
     max_residual: float = 0.6
-    min_log_likelihood: float = 4.0
+    min_layout: float = 4.9
 
 
 REFUSAL = RefusalOptions()
@@ -70,10 +70,12 @@ class SetFit:
     residual        in a crowd, the usual square of what is left between markers and where their set has them, over what
                     training leaves; 0 where there is no crowd, and where no frame shows enough of them
     log_likelihood  nats a marker of the usual frame, by the shape of the training; minus infinity where no frame does
+    layout          log odds a marker, by how far markers are from each other in all of the take, whatever the pose
     """
 
     residual: float
     log_likelihood: float
+    layout: float = -np.inf
 
 
 NO_FIT = SetFit(0.0, -np.inf)
@@ -138,11 +140,11 @@ def refuse_unlike(model: Model, namer: Namer, points: Table, fit: SetFit, sure: 
     """Raises UnsuitedError where the markers found among points (T, P, 3) do not lie as the set's do, or are too few.
 
     Names can be found for any points, if there are enough. Among many more of them the residual tells and, where
-    single frames were not `sure`, how likely the usual frame is.
+    single frames were not `sure`, how far the markers are from each other.
     """
-    if fit.residual > REFUSAL.max_residual or not (sure or fit.log_likelihood >= REFUSAL.min_log_likelihood):
+    if fit.residual > REFUSAL.max_residual or not (sure or fit.layout >= REFUSAL.min_layout):
         few, unlike = "no frame shows enough of its markers", "the points do not lie as its markers do"
-        raise _unrecognised(model, namer, points, few if fit == NO_FIT else unlike)
+        raise _unrecognised(model, namer, points, few if fit.log_likelihood == -np.inf else unlike)
 
 
 def refuse_unrecognised(model: Model, namer: Namer, points: Table, given: Labels, sure: bool = True):

@@ -141,7 +141,7 @@ def test_recorded_takes_that_a_built_in_model_is_or_is_not_for(shared_data, take
 
 def test_where_frames_are_not_sure_the_whole_take_must_be(model):
     namer, points = namer_of(model, "likelihood"), person(1)
-    likely, unlikely = (refusals.SetFit(0.0, refusals.REFUSAL.min_log_likelihood + more) for more in (0.1, -0.1))
+    likely, unlikely = (refusals.SetFit(0.0, 5.0, refusals.REFUSAL.min_layout + more) for more in (0.1, -0.1))
     refusals.refuse_unlike(model, namer, points, unlikely)
     refusals.refuse_unlike(model, namer, points, likely, sure=False)
     for fit, why in (

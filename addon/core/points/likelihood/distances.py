@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...data.errors import InputError
 from ...geometry.rigid import pairwise_distances
 from .shape import SUBJECT_PRIOR
 
@@ -116,7 +117,7 @@ def learn_constraints(
 ) -> DistanceConstraints:
     """The constraints of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of mirror images too.
 
-    `radius` is the shape's.
+    `radius` is the shape's. InputError where no two markers keep their distance.
     """
     pair = np.array(np.triu_indices(subjects[0].shape[1], 1)).T
     lengths, spreads = np.array(
@@ -125,6 +126,10 @@ def learn_constraints(
     count = np.isfinite(lengths).sum(axis=0)
     within = np.sqrt(mean_seen(spreads))
     stiff = (count > 0) & (within < CONSTRAINING.max_sd_radii * radius)
+    if not stiff.any():
+        raise InputError(
+            "no two markers keep their distance; expected labels that stay on one marker for all of a take"
+        )
     pair, lengths, within, count = pair[stiff], lengths[:, stiff], within[stiff], count[stiff]
     ratio = np.log(lengths / mean_seen(lengths))
     size = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in ratio])

@@ -26,7 +26,7 @@ class LayoutOdds:
         self.sides, self.size, self.placed = sides, size, placed
         self.near = steadiest(known.variance)
         rows = np.arange(self.markers)[:, None]
-        self.mean = size * known.mean[rows, self.near]
+        self.expected = size * known.mean[rows, self.near]
         self.variance = known.variance[rows, self.near] + MARKER_LIMITS.lab_m**2
         self.apart = size * known.mean
         self.shown, self.spread, self.coverage = shown.mean, shown.variance, coverage
@@ -36,6 +36,11 @@ class LayoutOdds:
         """(K,) what slots are worth by names in orders (K, M + E)."""
         return self.odds(orders, most).sum(axis=1)
 
+    def mean(self) -> float:
+        """Log odds of a marker as it is named, on average of those that are there, for as long as each is."""
+        odds = self.odds(np.arange(len(self.coverage))[None])[0]
+        return float(odds.sum() / max(self.coverage[: self.markers].sum(), 1e-9))
+
     def odds(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
         """(K, M) log odds of each marker by names in orders (K, M + E): order[m] is the slot that is marker m.
 
@@ -43,10 +48,10 @@ class LayoutOdds:
         """
         own, beside = orders[:, : self.markers], orders[:, self.near]
         away, spread = self.shown[own[..., None], beside], self.spread[own[..., None], beside]
-        there = np.isfinite(away) & np.isfinite(self.mean) & np.isfinite(self.variance)
+        there = np.isfinite(away) & np.isfinite(self.expected) & np.isfinite(self.variance)
         there &= np.cumsum(there, axis=-1) <= LIKENESS.neighbours
         asked = there.sum(axis=-1)
-        square = np.where(there, ((away - self.mean) ** 2 + spread) / self.variance, 0)
+        square = np.where(there, ((away - self.expected) ** 2 + spread) / self.variance, 0)
         share = worth_of_each(asked)
         square = np.minimum(square, most).sum(axis=-1) * share
         precision = share * np.where(there, 1 / self.variance, 0).sum(axis=-1) / 3 + LIKENESS.wide_m**-2
@@ -115,6 +120,48 @@ class LayoutOdds:
         # By either measure, in turn.
         best = [np.argsort(-self.worth(every_one, most), kind="stable") for most in (LIKENESS.max_square, np.inf)]
         return every_one[list(dict.fromkeys(np.stack(best, axis=1).ravel().tolist()))]
+
+
+class Unmoved:
+    """How well distances bear out that markers are where they were when the set was learned, as exactly as points are.
+
+    So are those of who stood for the set, unless they were put on again. In how large a `part` of the steady distances
+    on one bone it is so is what a naming, whose distances are `shown`, makes likeliest; of other people that is hardly
+    any. known is what training has of M markers, `bone` (M,) whose each is.
+    """
+
+    def __init__(self, known: PairDistances, bone: np.ndarray, shown: Moments):
+        from scipy.optimize import minimize_scalar
+
+        self._known, self._size, self.part = known, sized(known, shown), 0.0
+        self._place = np.arange(len(bone))[:, None], steadiest(known.variance)
+        self._rigid = bone[self._place[0]] == bone[self._place[1]]
+        odds, steady = self._of_pairs(shown)
+        if steady.any():
+            self.part = minimize_scalar(lambda part: -_mixed(odds[steady], part).sum(), bounds=(0, 1)).x
+
+    def odds(self, shown: Moments) -> float:
+        """Log odds of a naming, whose distances are `shown`, against that all markers may be elsewhere."""
+        odds, steady = self._of_pairs(shown)
+        asked = steady.sum(axis=1)
+        each = np.where(steady, _mixed(odds, self.part), 0).sum(axis=1) * worth_of_each(asked)
+        coverage = np.diagonal(shown.count)[: len(each)] / max(shown.frames, 1)
+        return float((each * coverage)[asked >= LIKENESS.min_neighbours].sum())
+
+    def _of_pairs(self, shown: Moments) -> tuple[np.ndarray, np.ndarray]:
+        """(M, Q) log odds that the distance to each neighbour is the one that was learned, and which are steady."""
+        away, spread, count = (part[self._place] for part in (shown.mean, shown.variance, shown.count))
+        mean, variance = self._known.mean[self._place], self._known.variance[self._place]
+        exact = MARKER_LIMITS.noise_m**2
+        steady = self._rigid & (count > 1) & np.isfinite(away + mean + variance) & (spread <= exact)
+        variance = np.where(steady, variance, exact)
+        square = (away - self._size * mean) ** 2 / variance - (away - mean) ** 2 / exact
+        return np.where(steady, 0.5 * (square + np.log(variance / exact)), 0), steady
+
+
+def _mixed(odds: np.ndarray, part: float) -> np.ndarray:
+    """Log odds of what is one of two in such a part of all."""
+    return np.logaddexp(np.log(max(part, 1e-9)) + odds, np.log1p(-part))
 
 
 def two_at_once(orders: np.ndarray, first: int) -> np.ndarray:

@@ -17,6 +17,7 @@ from ...data.takes import NO_MARKER
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
+from .layout_odds import Unmoved
 from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, lasting, usual_fit
@@ -234,7 +235,8 @@ class _Solving:
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         fit = usual_fit(objective.model.learned_likelihood, placed[:, : self.markers])
-        fit = fit if self.crowd else replace(fit, residual=0.0)
+        slots = objective.layout(marker, objective.moments(placed), placed)
+        fit = replace(fit, residual=fit.residual if self.crowd else 0.0, layout=slots.mean())
         return Solution(
             self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, self.crowd, fit
         )
@@ -276,6 +278,8 @@ class _Solving:
         best, count, found = search.best.marker, self.tracklets.count, np.full(len(self.tracklets), np.inf)
         held = self.tracklets.held
         known = np.isin(best, held[held != NO_MARKER])
+        unmoved = Unmoved(self.objective.known, self.objective.model.markerset.attachment, search.best.moments)
+        as_learned = unmoved.odds(search.best.moments)
         for number, other in enumerate(search.others):
             changed = np.flatnonzero((best != other.marker) & (best != NO_MARKER) & (best < self.markers))
             if len(changed) and not (known[changed].any() and len(np.unique(best[changed])) == 2):
@@ -284,6 +288,7 @@ class _Solving:
                 if order is not None:
                     gain += self.objective.gain_of_poses(other, search.best, order)
                 odds = max(-gain * self.objective.length / frames, 0.0) * MARGINS.looks
+                odds = max(odds + as_learned - unmoved.odds(other.moments), 0.0)
                 nearer = changed[odds < found[changed]]
                 found[nearer], nearest[nearer] = odds, number
                 pair = () if order is None else _renamed(order)

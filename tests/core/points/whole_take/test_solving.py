@@ -16,9 +16,10 @@ from addon.core.points.likelihood.sides import NO_SIDES
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
+from addon.core.points.whole_take.layout_odds import Unmoved
 from addon.core.points.whole_take.likeness import likeness
 from addon.core.points.whole_take.objective import USUAL_FREEDOM, Objective, fullest_frames
-from addon.core.points.whole_take.pairs import in_take, trained_pairs
+from addon.core.points.whole_take.pairs import PairDistances, in_take, moments, trained_pairs
 from addon.core.points.whole_take.rulings import Rulings
 from addon.core.points.whole_take.search import Search
 from addon.core.points.whole_take.solving import Solution, solve_take
@@ -340,6 +341,22 @@ def test_a_plate_turned_round_is_worth_less_however_far_it_sits_from_its_place(m
     round_about = np.arange(len(model.markerset))
     round_about[four] = four[::-1]
     assert objective.of(truth).layout > objective.of(round_about[truth]).layout
+
+
+@pytest.mark.parametrize(("off", "part"), [(0.0, 0.9), (0.015, 0.1)], ids=["as learned", "put on again"])
+def test_an_exchange_of_markers_that_were_not_put_on_again_is_told_by_millimetres(off, part):
+    """Three corners of a plate may change places with 12 mm of difference; who wears it elsewhere says nothing."""
+    rng = np.random.default_rng(4)
+    places = np.concatenate([[[0, 0, 0], [0.1, 0, 0], [0.05, 0.09, 0], [0.05, 0.04, 0.07]], rng.random((16, 3)) * 0.5])
+    worn = places + off * rng.standard_normal(places.shape)
+    still = moments(worn + 0.001 * rng.standard_normal((50, *places.shape)))
+    turned = moments(worn[[1, 2, 0, *range(3, 20)]] + 0.001 * rng.standard_normal((50, *places.shape)))
+    mean = moments(np.repeat(places[None], 2, axis=0)).mean
+    known = PairDistances(mean, (0.04 * mean) ** 2 + 0.015**2, np.zeros_like(mean))
+    unmoved = Unmoved(known, np.zeros(len(places), int), still)
+    assert unmoved.part > part if off == 0 else unmoved.part < part
+    lead = unmoved.odds(still) - unmoved.odds(turned)
+    assert lead > 5 if off == 0 else abs(lead) < 1
 
 
 @pytest.fixture(scope="module")
