@@ -109,8 +109,6 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False, read: Iterable
         finish_renaming(parent)
     check_targets(targets, overwrite, read)
     _make_folders(targets)
-    for target in targets:  # in a folder that was not there no name was too long
-        _refuse(target, overwrite)
     with ExitStack() as stack:
         folders = {parent: stack.enter_context(own_folder(parent, PART, _unwritable)) for parent in parents}
         temporaries = [folders[target.parent] / target.name for target in targets]
@@ -306,7 +304,11 @@ def _flush_folder(folder: Path):
 
 
 def _refuse(target: Path, overwrite: bool):
+    there = next(filter(os.path.exists, target.parents), target.parent)
     try:
+        for name in target.relative_to(there).parts:  # in a folder that is not there the system takes any
+            with suppress(FileNotFoundError, NotADirectoryError):
+                (there / name).lstat()
         kind = target.lstat().st_mode
         kind = target.stat().st_mode if overwrite and stat.S_ISLNK(kind) else kind
     except (FileNotFoundError, NotADirectoryError):

@@ -47,10 +47,11 @@ class CountsPixels:
         subtype="FILE_PATH",
     )
 
-    def first_of(self, cameras: bpy.types.Collection) -> str:
+    def first_of(self, own: bool) -> str:
+        """Where pixels begin, in a calibration's cameras or in the scene's own."""
         if self.first_pixel != FIRST_PIXEL_ITEMS[0][0]:
             return self.first_pixel
-        return CORNER if scene_cameras.is_adopted(cameras) else CENTRE
+        return CORNER if own else CENTRE
 
     def target(self, beside: Path) -> Path:
         return Path(bpy.path.abspath(self.out)) if self.out else free_path(beside.with_suffix(""), BLOBS_ENDING)
@@ -92,7 +93,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, LongWork, bpy.types.Operator):
             pictures=pictures,
             cameras=cameras,
             out=self.target(next(iter(pictures.values()))),
-            first_pixel=self.first_of(settings.source.cameras),
+            first_pixel=self.first_of(scene_cameras.is_adopted(settings.source.cameras)),
             overwrite=bool(self.out),
             spots=SpotOptions(threshold=self.threshold or None, min_area=self.min_area, max_area=self.max_area),
         )
@@ -136,24 +137,21 @@ class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, Ours, bpy.types.Operat
         own = not there or scene_cameras.is_adopted(settings.source.cameras)
         items = settings.source.cameras.all_objects if there else scene.objects
         items = [item for item in items if item.type == "CAMERA"]
-        clips = _clips_of(items, scene)
-        if own:
-            data = {scene_cameras.camera_name(item): item.data for item in items}
-            for name, clip in clips.items():
-                if not any(data[name].get(scene_cameras.DISTORTION, ())):
-                    data[name][scene_cameras.DISTORTION] = lens_of(clip)
-        collection = settings.source.cameras if there else scene_cameras.adopt_cameras(scene)
-        cameras = scene_cameras.cameras_of(collection, scene)
+        clips, cameras = _clips_of(items, scene), scene_cameras.calibrations(items, scene)
         used = {cameras.names.index(name): clip for name, clip in clips.items()}
         for index, clip in used.items():
             check_size(tuple(clip.size), cameras, index, bpy.path.abspath(clip.filepath))
-        shift = FIRST_PIXEL[CORNER] - FIRST_PIXEL[self.first_of(collection)]
-        blobs = blobs_of_clips(used, cameras.size, shift)
+        untold = [index for index in used if own and not cameras.distortion[index].any()]
+        lenses = {index: lens_of(used[index]) for index in untold}
+        blobs = blobs_of_clips(used, cameras.size, FIRST_PIXEL[CORNER] - FIRST_PIXEL[self.first_of(own)])
         first = next(iter(used.values()))
         path = self.target(Path(bpy.path.abspath(first.filepath)))
         with whole_file(path, bool(self.out)) as temporary:
             write_blobs(temporary, blobs, cameras)
-        settings.source.cameras = collection
+        for index, lens in lenses.items():
+            items[index].data[scene_cameras.DISTORTION] = lens
+        if not there:
+            settings.source.cameras = scene_cameras.adopt_cameras(scene)
         _use(context, path, first.fps)
         self.report({"INFO"}, f"{count_of(len(blobs), 'blob')} of {count_of(len(used), 'clip')}, in {path.name}")
 

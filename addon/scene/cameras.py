@@ -89,7 +89,7 @@ def is_adopted(collection: bpy.types.Collection) -> bool:
 
 def cameras_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Cameras:
     """The calibrations of a collection's cameras as they stand now."""
-    return _read([item for item in collection.all_objects if item.type == "CAMERA"], scene)
+    return calibrations([item for item in collection.all_objects if item.type == "CAMERA"], scene)
 
 
 def cameras_of_scene(scene: bpy.types.Scene) -> Cameras:
@@ -101,7 +101,7 @@ def cameras_of_scene(scene: bpy.types.Scene) -> Cameras:
     calibrated = [item for item in found if is_mocap_camera(item)]
     if not found:
         raise InputError(f"scene {scene.name} has no cameras; expected at least two")
-    return _read(calibrated or found, scene)
+    return calibrations(calibrated or found, scene)
 
 
 def cameras_of_blend(path: Path | str) -> Cameras:
@@ -167,7 +167,8 @@ def _keep_beyond_blender(
         data[key] = [float(value) for value in values]
 
 
-def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
+def calibrations(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
+    """Those of a scene's cameras as they stand now; InputError where one is not a perspective camera."""
     lenses = list(zip(*(_read_lens(item, scene) for item in items), strict=True)) or [()] * 4
     shapes = (-1, 2), (-1, 3, 3), (-1, 5), (-1, 3)
     size, matrix, distortion, inverse = (np.array(one).reshape(to) for one, to in zip(lenses, shapes, strict=True))

@@ -37,9 +37,8 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     """
     scene = context.scene
     others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
-    late = [one for one in takes_of(scene) if is_timed_otherwise(scene, one)]
-    if late and set(late) <= set(others):  # the scene's rate was changed since: what moves by the take goes along
-        follow_rate(scene)
+    if any(is_timed_otherwise(scene, one) for one in others):  # the scene's rate was changed since: all goes along
+        follow_rate(scene, but=[one for one in takes_of(scene) if one not in others])
     played = scene.frame_start, scene.frame_end, scene.frame_float
     found: tuple[Change, ...] | None = None
     lay, place, former, clock = None, None, Former({}, []), TakeClock()

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """When a take plays in a scene: the scene gets its rate, or it is mapped to the scene's and can follow that."""
 
+from collections.abc import Sequence
+
 import bpy
 import numpy as np
 
@@ -77,19 +79,20 @@ def is_timed_otherwise(scene: bpy.types.Scene, block: bpy.types.ID) -> bool:
     return RATE in block and clock.step != clock.at_rate(fps_of(scene), block[RATE]).step
 
 
-def follow_rate(scene: bpy.types.Scene) -> list[str]:
+def follow_rate(scene: bpy.types.Scene, but: Sequence[bpy.types.Collection] = ()) -> list[str]:
     """Lets takes, and the rigs and characters that move by them, play at their own speed at the scene's rate.
 
-    Where the scene played the frames of a take, and no others, it does so still; of the active one it shows the same
-    frame, and the preview range has the same. Gives the names of what does not follow: keys were changed, are another
-    file's, or would be too near to each other.
+    All that the scene has do so, `but` some takes. Where the scene played the frames of a take, and no others, it does
+    so still; of the active one it shows the same frame, and the preview range has the same. Gives the names of what
+    does not follow: keys were changed, are another file's, or would be too near to each other.
     """
-    left = [item.name for item in scene.objects if not animation.retime(item, fps_of(scene))]
+    moving = [item for item in scene.objects if not any(_moves_by(item, take) for take in but)]
+    left = [item.name for item in moving if not animation.retime(item, fps_of(scene))]
     settings = getattr(scene, "mocap_autolabel", None)
     active = None if settings is None else settings.take or settings.source.preview
     moment, moved = scene.frame_float, set()
     for block, before, now in _clocks(scene):
-        if before == now:
+        if before == now or block in but:
             continue
         first, last = _ends(block)
         cached = block.get(CARRIER) is not None
@@ -108,6 +111,12 @@ def follow_rate(scene: bpy.types.Scene) -> list[str]:
         block[STEP] = now.step
     set_moment(scene, moment)
     return left
+
+
+def _moves_by(item: bpy.types.Object, take: bpy.types.Collection) -> bool:
+    """Whether an object is a take's, or has an action that was made of it."""
+    action = None if item.animation_data is None else item.animation_data.action
+    return action is not None and (ownership.is_made_for(action, take) or item in list(take.all_objects))
 
 
 def _follow_ranges(scene: bpy.types.Scene, before: TakeClock, now: TakeClock, ends: tuple[int, int], preview: bool):

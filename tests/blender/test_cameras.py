@@ -276,6 +276,9 @@ def test_clips_that_cannot_be_used_are_one_sentence(extension, empty, studio, tm
     refused("expected pictures as large", "import_clip_tracks", out=out)
     assert not out.exists()
     assert not empty.scene.mocap_autolabel.source.blobs_path
+    assert not any(key in camera.data for camera, _ in pairs for key in ("mocap_size", "mocap_distortion"))
+    empty.scene.render.resolution_x = SIZE[0]
+    press("import_clip_tracks", out=out)
 
 
 def test_of_a_calibration_pixels_begin_at_a_centre_and_its_lens_stays(extension, empty, studio, tmp_path):

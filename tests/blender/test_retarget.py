@@ -307,26 +307,24 @@ def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     assert character.animation_data.action.frame_range[:] == before
 
 
-def test_labelled_again_after_the_scene_s_rate_was_changed_rig_and_range_go_along(shown):
-    scene, rig = bpy.context.scene, mixamo()
-    action = retargeted(rig)
-    scene.mocap_autolabel.take[takes.SOURCE] = "walk.csv"
+def test_labelled_again_after_the_scene_s_rate_was_changed_rig_and_range_go_along_and_no_other_take(shown):
+    scene, rigs = bpy.context.scene, [mixamo(), mixamo()]
+    walk = scene.mocap_autolabel.take
+    walk[takes.SOURCE] = "walk.csv"
+    other = takes.show_take(bpy.context, replace(shown, name="other", source="other.csv"))
+    for take, rig in zip((walk, other), rigs, strict=True):
+        scene.mocap_autolabel.take = take
+        retargeted(rig)
+    scene.mocap_autolabel.take = walk
+    [marker] = [item for item in other.all_objects if item.get("mocap_marker") == "LKNE"]
+    action, *left = [item.animation_data.action for item in (*rigs, marker)]
+    before = [list(one.frame_range) for one in left]
     scene.render.fps, scene.render.fps_base = 24, 1
     scene.frame_set(111)
     show_again(bpy.context, replace(shown, source="walk.csv"), whole=True)
     np.testing.assert_allclose(action.frame_range, (101, 101 + 23 * 24 / 60), atol=0.01)
     assert (scene.frame_start, scene.frame_end, scene.frame_float) == (101, 110, 105)
-
-
-def test_labelled_again_it_leaves_another_take_that_a_person_left_frame_by_frame(shown):
-    scene = bpy.context.scene
-    scene.mocap_autolabel.take[takes.SOURCE] = "walk.csv"
-    other = takes.show_take(bpy.context, replace(shown, name="other", source="other.csv"))
-    [marker] = [item for item in other.all_objects if item.get("mocap_marker") == "LKNE"]
-    before = list(marker.animation_data.action.frame_range)
-    scene.render.fps, scene.render.fps_base = 24, 1
-    show_again(bpy.context, replace(shown, source="walk.csv"), whole=True)
-    assert list(marker.animation_data.action.frame_range) == before
+    assert [list(one.frame_range) for one in left] == before, "a person left it frame by frame"
 
 
 def test_rest_poses_make_no_difference(shown):

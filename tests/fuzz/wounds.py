@@ -116,7 +116,7 @@ def _other_json(content: bytes, chance: random.Random) -> bytes:
     for _ in range(chance.randint(1, 3)):
         document = _other_value(document, chance)
     if chance.random() < 0.7:
-        _digest_anew(document)
+        digest_anew(document)
     text = json.dumps(document, ensure_ascii=chance.random() < 0.8)
     if chance.random() < 0.1 and '"' in text:  # a name that is there twice
         parts = text.split(", ")
@@ -178,17 +178,17 @@ def _other_array(array: dict, chance: random.Random):
         array["shape"] = chance.choice([array["shape"][::-1], [len(data)], [0], [*array["shape"], 1], [10**9, 0], []])
 
 
-def _digest_anew(node: object):
+def digest_anew(node: object):
     """Digests that fit again: else nobody looks at what is in there."""
     if isinstance(node, dict):
         for one in node.values():
-            _digest_anew(one)
+            digest_anew(one)
         if DIGEST in node:
             with contextlib.suppress(ValueError, TypeError):
                 node[DIGEST] = _digest({key: value for key, value in node.items() if key != DIGEST})
     elif isinstance(node, list):
         for one in node[:50]:
-            _digest_anew(one)
+            digest_anew(one)
 
 
 @cache

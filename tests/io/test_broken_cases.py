@@ -14,7 +14,6 @@ from addon.core.data.errors import MAX_LETTERS, InputError
 from addon.core.data.takes import Points
 from addon.io.cameras import read_cameras
 from addon.io.markersets import read_markerset
-from addon.io.models import read_model
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.io.provenance import earlier_run
 from addon.io.world import UNITS
@@ -109,15 +108,6 @@ def test_results_lie_beside_their_report_whatever_it_says_and_one_with_too_long_
         if len(ending) < 5000:
             refused("does not say what it was made of", earlier_run, report, MADE)
     assert earlier_run(report, MADE)[1], "missing"
-
-
-def test_an_array_whose_kind_is_no_word_is_refused(sound, tmp_path):
-    document = json.loads(sound["model"].read_text())
-    packed = next(value for value in document.values() if isinstance(value, dict) and "digest" in value)
-    packed["odd"] = {"kind": {}, "shape": [1], "data": ""}
-    path = tmp_path / "a.markerset.json"
-    path.write_text(json.dumps(document))
-    refused("has damaged", read_model, path)
 
 
 @pytest.mark.parametrize("count", ["999999999", "999999999999", "9" * 5000])

@@ -5,6 +5,7 @@ import base64
 import json
 import zlib
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from addon.io.markersets import Reader, read_markerset
 from addon.io.model_history import HISTORY, beside, is_beside, model_of, moved, seen_at, seen_from
 from addon.io.models import likelihood_document, open_model, read_likelihood, read_model, write_model
 from tests.core.toybody import toy_markerset
+from tests.fuzz.wounds import digest_anew
 from tests.io.checks import assert_alike, memory_within, refused
 from tests.io.samples import HISTORY_OF_TWO, SHOWN, WALK, toy_model
 
@@ -44,17 +46,29 @@ def test_a_marker_set_is_a_model_without_them():
     refused("there is no marker set", open_model, "nothing")
 
 
-WOUNDS = {"value": lambda packed: packed | {"data": packed["data"][::-1].swapcase()}, "kind": lambda _: "five"}
+WOUNDS = {
+    "value": lambda packed: packed | {"data": packed["data"][::-1].swapcase()},
+    "no bytes": lambda packed: packed | {"data": base64.b64encode(b"neither").decode()},
+    "too few": lambda packed: packed | {"shape": [*packed["shape"], 2]},
+    "no word": lambda packed: packed | {"kind": {}},
+    "other kind": lambda packed: packed | {"kind": "f16"},
+    "text": lambda _: "five",
+    "endless": lambda _: 10**400,
+    "missing": lambda _: None,
+}
 
 
-@pytest.mark.parametrize("part", ["ensemble", "training_takes"])
-@pytest.mark.parametrize("wound", ["value", "missing", "kind"])
-def test_what_is_damaged_is_said(tmp_path, part, wound):
+@pytest.mark.parametrize("fits", [False, True])
+@pytest.mark.parametrize(
+    ("field", "wound"), [*product(["targets", "points"], WOUNDS), ("classifiers", "text"), ("frames", "endless")]
+)
+def test_what_is_damaged_is_said_whether_its_digest_fits_or_not(tmp_path, field, wound, fits):
     path, document = toy_file(tmp_path)
-    place, field = (document[part], "targets") if part == "ensemble" else (document[part][0], "points")
-    sound = place.pop(field)
-    if wound != "missing":
-        place[field] = WOUNDS[wound](sound)
+    part = "training_takes" if field == "points" else "ensemble"
+    place = document[part][0] if field == "points" else document[part]
+    place[field] = WOUNDS[wound](place[field])
+    if fits:
+        digest_anew(document)
     path.write_text(json.dumps(document))
     refused(f"damaged {part}", read_model, path)
 

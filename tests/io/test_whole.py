@@ -120,7 +120,9 @@ def test_a_name_too_long_is_refused_and_one_that_just_fits_is_taken(tmp_path):
     with whole_file(tmp_path / ("n" * 250)) as temporary:
         temporary.write_text("all of it")
     assert held(tmp_path) == {"n" * 250: "all of it"}
-    refused("nnn: cannot be the name", tmp_path / "new" / ("n" * 300))
+    for name in ("n" * 300, "n" * 300 + "/take.c3d"):
+        refused("cannot be the name", tmp_path / "new" / "newer" / name)
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.skipif(os.name != "nt", reason="other systems replace files that are open")

@@ -30,7 +30,8 @@ class RefusalOptions:
                     plates by other sets, 0.05 at most of people by a set on plates
     min_named       measured: share of the markers that such a take is given in the end, with twice of it a person in
                     two sets at once is refused; and that frames must be sure of among the points that one subject
-                    leaves over, if they are another: of spare markers 0.05 at most
+                    leaves over, if they are another: of spare markers 0.05 at most; where they are sure of fewer, it
+                    is asked whether they would be of so many in another unit
     min_all         measured: the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at
                     most of other sets
     crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 1.44 of who
@@ -98,8 +99,8 @@ def refuse_others(model: Model, namer: Namer, points: Table, solvable: bool = Fa
     Of a take that is `solvable` as a whole, frames on their own need not be sure of one subject: then `refuse_unlike`
     has the say.
 
-    Raises UnsuitedError where frames on their own are not sure of the model's markers, SubjectsError where they are of
-    two subjects' at once.
+    Raises UnsuitedError where frames on their own are not sure of the model's markers, or would be surer of them in
+    another unit, SubjectsError where they are of two subjects' at once.
     """
     count = points_at_a_time(points)
     frames = np.flatnonzero(count >= min(MIN_POINTS + 1, len(model.markerset)))
@@ -116,6 +117,9 @@ def refuse_others(model: Model, namer: Namer, points: Table, solvable: bool = Fa
         raise _two_subjects(model)
     if not found and not (solvable and _are_together(model, some)):
         raise _unrecognised(model, namer, some, _recognised(alone))
+    # Of who is small for a wrong unit frames can be sure of some markers.
+    if found and alone < REFUSAL.min_named and not is_crowd(some, model) and (unit := _unit_of(model, namer, some)):
+        raise unit
     return Sample(frames, first, found)
 
 
@@ -267,13 +271,18 @@ def _recognised(share: float) -> str:
     return f"{share:.0%} of what could be its markers was recognised for sure"
 
 
+def _unit_of(model: Model, namer: Namer, points: np.ndarray) -> UnsuitedError | None:
+    """What is said where frames of points (F, P, 3) m are of the model in another unit; in a crowd their size tells."""
+    sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_named) if not is_crowd(points, model) else None
+    unit = mistaken_unit(model, points, sure)
+    return None if unit is None else UnsuitedError(unit.message)
+
+
 def _unrecognised(model: Model, namer: Namer, points: Table, why: str) -> UnsuitedError:
     name, size = model.markerset.name, len(model.markerset)
-    some = points[evenly_spread(len(points), FRAMES_ASKED)]
-    sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_named) if not is_crowd(some, model) else None
-    unit = mistaken_unit(model, some, sure)
+    unit = _unit_of(model, namer, points[evenly_spread(len(points), FRAMES_ASKED)])
     if unit:
-        return UnsuitedError(unit.message)
+        return unit
     present = points_at_a_time(points)
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
     several, ask = (many, f", or ask for several {HOW_TO_ASK}") if is_crowd(points, model) else ("", "")

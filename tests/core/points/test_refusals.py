@@ -179,6 +179,7 @@ def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model
 
 @settings(max_examples=12)
 @given(st.sampled_from([1000.0, 100.0, 39.37, 25.4, 10.0, 2.54]), st.booleans(), st.integers(-180, 180))
+@example(times=2.54, too_small=True, turn=2)
 def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
     angle = np.deg2rad(turn)
     turned = walk @ np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
