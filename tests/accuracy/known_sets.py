@@ -74,7 +74,7 @@ def groups(keep: Path) -> dict[str, Callable[[], Iterator[Worn]]]:
         "`body39`, a serve": lambda: in_set("body39", serve()),
         "`body39`, other labs": lambda: other_labs(keep, "plugin_gait"),
         "`actor41`": lambda: in_set("actor41", whole_takes.actors("cmu41").values()),
-        "`actor53`": lambda: in_set("actor53", whole_takes.actors("actors53", up="y").values()),
+        "`actor53`": lambda: in_set("actor53", whole_takes.actors("actors53").values()),
         "own sets, other labs": lambda: other_labs(keep, *own),
         "unknown: other labs": lambda: ((points, None) for points, _ in other_labs(keep, *own)),
         "unknown: a runner": lambda: iter([(without_names(runner.xyz[:], runner.rate), None)]),

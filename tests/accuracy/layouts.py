@@ -70,7 +70,7 @@ def trials() -> Iterator[tuple[str, people.Take]]:
 
 def named(path: Path, theirs: dict[str, str]) -> people.Take:
     """A take in a layout's names."""
-    take = people.read(path, path.stem, up=None)
+    take = people.read(path, path.stem)
     return replace(take, markers=tuple(theirs.get(name, name) for name in take.markers))
 
 

@@ -109,9 +109,12 @@ def _known_markers(path: Path, person: str, kind: str) -> Take:
     return take.of([name for name in take.markers if name in {*GAIT15, *BODY26}])
 
 
-def read(path: Path, subject: str, markers: Sequence[str] | None = None, up: str | None = "z") -> Take:
-    """A take of a file, markers as they were worn: the labels of some contradict the same person's other takes."""
-    take = read_points(path, everything=True, up=up)
+def read(path: Path, subject: str, markers: Sequence[str] | None = None) -> Take:
+    """A take of a file, z up, markers as they were worn: the labels of some contradict the same person's other takes.
+
+    Files of `actors53` have y up and do not say so: that is found as for everybody who opens them.
+    """
+    take = read_points(path, everything=True)
     bare = (name.rpartition(":")[2] for name in take.names)
     names = tuple(MISLABELLED.get(path.stem, {}).get(name, name) for name in bare)
     kept = [index for index, name in enumerate(names) if not name.startswith("*")]
@@ -122,7 +125,7 @@ def read(path: Path, subject: str, markers: Sequence[str] | None = None, up: str
 
 def worn_as(file: str, markers: Sequence[str], theirs: Mapping[str, str]) -> Take:
     """A take of another lab in our markers, z up: the middle of those of its own that `theirs` says stands for one."""
-    take = read(DATA / file, Path(file).parent.name, up="y" if "/actors53/" in file else "z")
+    take = read(DATA / file, Path(file).parent.name)
     middles = [take.of(theirs.get(marker, marker).split()).xyz.mean(axis=1) for marker in markers]
     return replace(take, markers=tuple(markers), xyz=np.stack(middles, axis=1))
 

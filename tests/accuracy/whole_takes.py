@@ -125,11 +125,11 @@ def track(frames: int, first: int, path: np.ndarray) -> np.ndarray:
     return found
 
 
-def actors(folder: str, up: str = "z") -> dict[str, Take]:
+def actors(folder: str) -> dict[str, Take]:
     """The takes of `cmu41` or `actors53`, with the markers in one order."""
     paths = recorded.takes(DATA, *(one for one in recorded.ACTORS if f"/{folder}/" in one))
     first = read(paths[0], "").markers
-    return {path.parent.name: read(path, path.parent.name, first, up) for path in paths}
+    return {path.parent.name: read(path, path.parent.name, first) for path in paths}
 
 
 def walks(persons: Sequence[str]) -> list[Take]:
