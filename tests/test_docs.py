@@ -122,7 +122,7 @@ def test_what_a_page_names_is_there(page):
             place = place / rest.pop(0)
         file = place / f"{rest.pop(0)}.py" if rest and (place / f"{rest[0]}.py").is_file() else place / "__init__.py"
         assert file.is_file(), f"{page.name} names {name}"
-        begun = r"(?:(?:def|class) |from .* import .*\b| {4})?"  # what is defined in it, or handed on
+        begun = r"(?:(?:def|class) |from .* import .*\b| {4}(?=\w+,$))?"  # what is defined in it, or handed on
         found = re.search(rf"^{begun}{(*rest, '')[0]}\b", file.read_text(encoding="utf-8"), re.MULTILINE)
         assert found or not rest, f"{page.name} names {name}"
     assert re.findall(r"^(?:<{7}|>{7}|={7}$).*", text, re.MULTILINE) == []

@@ -61,6 +61,7 @@ def test_quoted_figures_are_measured_and_percentages_say_where_they_are_from(pag
     for match in re.finditer(r"\d\.\d+ %", text):
         rest = text[match.end() :].partition("\n")[0]
         assert re.match(r"\s?<!-- \w+: |.*\]\(https://", rest), f"{named(page)}: {match[0]} without its result"
+    assert is_in("99.8 %", "99.78 %") and not is_in("99.9 %", "99.78 %") and not is_in("9.78 %", "99.78 %")
 
 
 def is_in(figure: str, cell: str) -> bool:

@@ -24,8 +24,23 @@ from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, rank
 from addon.scene.stored import Stored
 from tests.io.pages import read as read_page
 
-from .conftest import FRAMES, GHOST, label_walk, labelled_by_job, ours, press, rows_of_export
-from .hands import choose, follows, keys_of, out_of_another_file, picked, refused, session, shown, stored_take, suspects
+from .conftest import label_walk, labelled_by_job, rows_of_export
+from .hands import (
+    FRAMES,
+    GHOST,
+    choose,
+    follows,
+    keys_of,
+    ours,
+    out_of_another_file,
+    picked,
+    press,
+    refused,
+    session,
+    shown,
+    stored_take,
+    suspects,
+)
 
 
 def test_two_names_are_swapped_everywhere(labelled, files):

@@ -15,8 +15,8 @@ from addon.scene.ownership import curves_of
 from addon.scene.take import show_take
 from tests.io.pages import read
 
-from .conftest import FRAMES, GHOST, labelled_by_job, ours, press, rows_of_export
-from .hands import choose, follows, keys_of, refused, reopen, session, shown, stored_take
+from .conftest import labelled_by_job, rows_of_export
+from .hands import FRAMES, GHOST, choose, follows, keys_of, ours, press, refused, reopen, session, shown, stored_take
 
 GAP = slice(FRAMES // 3, FRAMES // 2)  # of RASI, and all are lost in two frames before
 HERE = 101 + GAP.start + 2
@@ -199,7 +199,7 @@ def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measu
     np.testing.assert_allclose(measured, files.xyz[:, files.names.index("RASI")], atol=1e-5)
 
 
-def test_a_fill_that_a_correction_contradicts_is_left_out_and_a_corrected_take_is_the_one_that_is_read_again(filled):
+def test_a_fill_that_a_correction_contradicts_is_left_out_also_where_the_take_is_read_again(filled):
     keys = keys_of("RASI")
     choose()
     press("pick", point=GHOST)

@@ -13,8 +13,8 @@ from addon.core.edits.kinds import DeleteBlob, UnlabelBlob
 from addon.io.edits import read_edits
 from addon.io.points import read_points
 
-from .conftest import open_room, ours, press, rows_of_export, write_room
-from .hands import bones, choose, keys_of, picked, refused, reopen, session, shown, stored_take
+from .conftest import open_room, rows_of_export, write_room
+from .hands import bones, choose, keys_of, ours, picked, press, refused, reopen, session, shown, stored_take
 
 FRAMES, LOST = 30, "RKNE"
 

@@ -133,7 +133,7 @@ def test_the_next_is_the_next_that_is_listed_and_open(state):
     assert (shown.reason, shown.answered) == (second, False), "what takes the place of the answered one"
 
 
-def test_a_scene_that_was_made_shorter_stays_so_and_other_markers_are_put_into_no_take_when_labelled_again(state):
+def test_labelling_again_keeps_a_shorter_scene_and_puts_other_markers_into_no_take(state):
     scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
     assert (scene.frame_start, scene.frame_end) == (101, 160)
     scene.frame_start, scene.frame_end = 105, 150

@@ -191,16 +191,19 @@ def test_a_page_that_cannot_be_written_costs_all_files_of_its_take_and_one_over_
     assert len(list(out.glob("*.report.html"))) == 2
 
 
-def test_what_is_over_all_takes_is_replaced_only_by_who_may(label, copies, tmp_path):
+def test_what_is_over_all_takes_is_replaced_only_by_who_may(label, copies, folder, tmp_path):
     out, inputs, words = tmp_path / "out", copies("one", "two"), (*FEWEST, "--html", "--summary")
+    watched = (*WATCH, "--idle", "0", "--summary")
     said = label(*words, "--json", blobs=inputs).json
     files = {Path(said[key]): Path(said[key]).read_bytes() for key in ("summary", "table")}
     for path in set(out.iterdir()) - set(files):
         path.unlink()
     assert "exists already" in label(*words, blobs=inputs).reason
+    assert "exists already" in label(*watched, blobs=[folder]).reason
     for path, content in files.items():
         path.write_text("my own")
         assert f"{path.name}: exists already" in label(*words, "--resume", blobs=inputs).reason
+        assert f"{path.name}: exists already" in label(*watched, "--resume", blobs=[folder]).reason
         assert path.read_text() == "my own"
         path.write_bytes(content)
     assert set(out.iterdir()) == set(files)

@@ -13,14 +13,18 @@ import pytest
 from addon.core.data.errors import InputError
 
 
-def refused(words: str, read: Callable, *given, line: int | None = None, **how):
-    """Asserts that what is given is refused in one sentence with these words, which names the file and its line."""
+def refused(words: str, read: Callable, *given, line: int | None = None, file: Path | None = None, **how):
+    """Asserts that what is given is refused in one sentence with these words, which names the file and its line.
+
+    `file` is the one that is named, where it is neither what is given nor a file in that folder.
+    """
     with pytest.raises(InputError, match=words) as caught:
         read(*given, **how)
     sentence = caught.value.message
     assert "; expected " in sentence and sentence.isprintable()
     if isinstance(given[0], Path):
-        assert Path(caught.value.file).parent in (given[0], given[0].parent)
+        named = Path(caught.value.file)
+        assert named == file if file else given[0] in (named, named.parent)
     assert line is None or caught.value.line == line
 
 

@@ -331,9 +331,10 @@ def test_a_file_that_changed_or_went_meanwhile_or_has_no_room_is_one_sentence(tm
     source = written(tmp_path, LAB)
     take = read_points(source)
     source.write_bytes(source.read_bytes() + bytes(512))
-    refused("changed after it was read; expected it as it was", write_c3d, tmp_path / "named.c3d", take, take.trial)
+    given = write_c3d, tmp_path / "named.c3d", take, take.trial
+    refused("changed after it was read; expected it as it was", *given, file=source)
     source.unlink()
-    refused("there is no such file", write_c3d, tmp_path / "named.c3d", take, take.trial)
+    refused("there is no such file", *given, file=source)
     source = written(tmp_path, replace(LAB, frames=4, points=600))
     take = read_points(source)
     long = replace(take, names=tuple(f"{name}{'x' * 240}" for name in take.names))

@@ -107,6 +107,15 @@ def test_an_edit_has_a_line_and_what_is_not_known_is_kept(path):
     assert json.loads(path.read_text()) == {"version": 1, "edits": []}
 
 
+def test_a_file_is_written_whole_or_not_at_all(path, monkeypatch):
+    write_edits(path, Edits((Right("A"),)))
+    before = path.read_bytes()
+    monkeypatch.setattr("addon.io.edits.write_json", lambda part, _: part.write_text("half") / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_edits(path, Edits((Right("B"),)))
+    assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
+
+
 def refusal(path: Path, text: str) -> str:
     """The sentence with which such a file is refused."""
     path.write_text(text)

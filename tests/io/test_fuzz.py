@@ -14,7 +14,7 @@ from addon.core.data.errors import InputError
 from addon.io.cameras import read_cameras
 from addon.io.markersets import document_of
 from tests.core.toybody import toy_markerset
-from tests.fuzz import READERS, read_within, samples
+from tests.fuzz import READERS, answer, read_within, samples
 from tests.io.checks import refused
 from tests.io.samples import ring, yml
 
@@ -60,6 +60,22 @@ def test_the_command_finds_no_fault_in_any_reader():
     assert done.returncode == 0, done.stdout + done.stderr
     told = re.findall(r"^(\w+): 15 files, \d+ refused, \d+ read, 0 faults", done.stdout, re.MULTILINE)
     assert told == list(READERS)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (KeyError("x"), "KeyError: 'x'"),
+        (MemoryError(), "takes over"),
+        (InputError("is odd", "a.csv"), "is no sentence of what is wrong"),
+        (InputError("is odd; expected an even one"), "names no file"),
+    ],
+)
+def test_a_reader_that_does_what_none_may_is_told(error, said):
+    def read():
+        raise error
+
+    assert said in answer(read)[0]
 
 
 MEGA = 1 << 20

@@ -110,7 +110,7 @@ def test_quick_label_goes_from_marker_to_marker(tool):
 PREVIEWED = (1.0, 0.75, 0.2)  # what a fill that is not kept yet is drawn in
 
 
-def test_a_fill_is_seen_before_it_is_kept_a_marker_put_where_nothing_was_and_playback_goes_on_with_the_tool(tool):
+def test_fills_are_seen_before_they_are_kept_markers_placed_and_playback_goes_on(tool):
     assert tool["kept"][0] and not tool["kept"][1]
     picture = imread(tool["folder"] / "6-graph.png")[..., :3]
     x, y, wide, high = tool["graph"]

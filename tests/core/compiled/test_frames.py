@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from addon.core.blobs import confidence
 from addon.core.blobs.confidence import CONFIDENCE
 from addon.core.blobs.image_tracklets import link_blobs
+from addon.core.blobs.pipeline import label_take
 from addon.core.blobs.tracking import Anchor, followed_by_library, followed_by_numpy
 from addon.core.body import bodies as posing
 from addon.core.body.bodies import PLACEMENT, Bodies, BodyModel
@@ -310,6 +311,19 @@ def test_indices_and_shapes_beyond_are_refused():
         lambda: named_by_library(view, sight, replace(expected, visible=expected.visible.T), RULES, None, False),
         lambda: named_by_library(many, sight, expected, RULES, None, False),
     )
+
+
+@pytest.mark.parametrize("markerset", [toy_markerset(), built_in("gait15")], ids=["toy", "gait15"])
+def test_a_take_gets_the_same_labels(markerset):
+    rig = ring_rig(6, radius=4.5, volume_radius=1.3)
+    options = CaptureOptions(noise=0.3, reflections=1, flicker=0.3)
+    taken = act(markerset, rig, [Act(0.4, stride=0.9)], seed=5, options=options)
+    (one,) = label_take([taken.blobs], rig, markerset, 60.0)
+    with numpy_everywhere():
+        (other,) = label_take([taken.blobs], rig, markerset, 60.0)
+    assert (one.labels.marker == other.labels.marker).all() and (one.labels.step == other.labels.step).all()
+    same([one.labels.confidence], [other.labels.confidence], 1e-6)
+    assert one.labels.named.mean() > 0.8
 
 
 ROOM_RIG = ring_rig(4, radius=4.5, volume_radius=1.3)

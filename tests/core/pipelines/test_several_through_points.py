@@ -70,6 +70,14 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
     assert not any(one.markers and not set(one.markers) <= set(found.worn.markers) for one in found.labelled.suspects)
 
 
+def test_as_many_as_are_asked_for_have_names_and_others_are_in_the_way(shot, model):
+    found = label(label_by_points, shot[0], SeveralOptions(model, 1))
+    assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
+    names, chunks = named(found, shot[0])
+    assert set(names) == {"", *found.worn.markers} == {"", *(f"1:{name}" for name in model.markerset.markers)}
+    assert chunks[0].motion.markers.shape == (16, 15, 3)
+
+
 def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
     blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))

@@ -132,7 +132,7 @@ def test_a_rig_stands_on_the_floor_where_feet_are_kept_however_high_the_person_s
     assert (np.ptp(found, axis=0).max() < 0.002) == feet
 
 
-def test_a_planted_foot_that_is_a_little_lower_than_the_other_stands_level_and_in_a_pit_both_are_where_they_are(squats):
+def test_a_planted_foot_a_little_lower_than_the_other_stands_level_and_a_pit_is_kept(squats):
     character, (joints, rotations) = squats
     lower, one = joints.copy(), rig()
     lower[:, both(segment_of(character), "thigh", "shank", "foot", "toes")[::2]] -= (0, 0, 0.02)

@@ -147,6 +147,28 @@ def test_the_makers_client_of_qualisys_reads_the_servers():
         assert packet.timestamp == round(played.seconds * 1e6)
 
 
+@pytest.mark.parametrize("version", [(3, 0), (4, 1)])
+def test_an_open_client_of_motive_reads_the_servers(version):
+    natnet = pytest.importorskip("natnet", reason="natnet is not installed")
+    client, frames = None, []
+    with NatNetServer(WALK, 500.0, version=version) as server:
+        client = natnet.NatNetClient(command_port=server.port, use_multicast=False)
+        client.on_data_frame_received_event.handlers.append(frames.append)
+        with client:
+            end = time.monotonic() + 5
+            while len(frames) < len(WALK) and time.monotonic() < end:
+                client.update_sync()
+    assert [one.prefix.frame_number for one in frames] == [one.number for one in WALK]
+    for frame, played in zip(frames, WALK, strict=True):
+        y_up = played.points[:, [0, 2, 1]] * [1, 1, -1]
+        *seen, hidden = frame.labeled_markers
+        np.testing.assert_allclose([one.pos for one in seen], y_up, rtol=1e-6)
+        np.testing.assert_allclose(frame.unlabeled_marker_pos, y_up, rtol=1e-6)
+        assert [one.id_num for one in seen] == played.ids.tolist() and hidden.occluded
+        assert frame.suffix.timestamp == played.seconds and len(frame.skeletons[1].rigid_bodies) == 2
+        assert frame.devices[1].channel_arrays == ((5.0,), (6.0, 7.0))
+
+
 SETS = {"ann": {"LASI": "ann:LASI", "RASI": "ann:RASI"}, "b ü": {"LASI": "b ü:LASI"}}
 LINE = {
     "frame": 7, "seconds": None, "unnamed": [[0.5, 0.25, 2.0]],

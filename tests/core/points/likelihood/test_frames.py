@@ -226,6 +226,16 @@ def test_moving_and_swapping_gain_what_trying_gains(scene, way, one, other):
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], rel=1e-6, abs=1e-4)
 
 
+def test_alignment_undoes_a_turn_and_a_step():
+    rng = np.random.default_rng(5)
+    template = rng.normal(size=(6, 3))
+    moved = turned(template[None], np.array([2.1])) + np.array([3.0, -4.0, 0.5])
+    moved[0, 2] = np.nan
+    aligned = upright_aligned(moved, template)[0]
+    assert np.isnan(aligned[2]).all()
+    assert np.allclose(np.delete(aligned, 2, axis=0), np.delete(template, 2, axis=0))
+
+
 def made_up(seed: int) -> np.ndarray:
     """Odds (M, P), some impossible, many below 0; of some seeds whole numbers, of which many are equal."""
     rng = np.random.default_rng(seed)
