@@ -131,14 +131,12 @@ class Unmoved:
     """
 
     def __init__(self, known: PairDistances, bone: np.ndarray, shown: Moments):
-        from scipy.optimize import minimize_scalar
-
-        self._known, self._size, self.part = known, sized(known, shown), 0.0
+        self._known, self._size = known, sized(known, shown)
         self._place = np.arange(len(bone))[:, None], steadiest(known.variance)
         self._rigid = bone[self._place[0]] == bone[self._place[1]]
         odds, steady = self._of_pairs(shown)
-        if steady.any():
-            self.part = minimize_scalar(lambda part: -_mixed(odds[steady], part).sum(), bounds=(0, 1)).x
+        parts = np.arange(100) / 100
+        self.part = float(parts[_mixed(odds[steady][:, None], parts).sum(axis=0).argmax()])
 
     def odds(self, shown: Moments) -> float:
         """Log odds of a naming, whose distances are `shown`, against that all markers may be elsewhere."""
@@ -159,9 +157,9 @@ class Unmoved:
         return np.where(steady, 0.5 * (square + np.log(variance / exact)), 0), steady
 
 
-def _mixed(odds: np.ndarray, part: float) -> np.ndarray:
+def _mixed(odds: np.ndarray, part: np.ndarray | float) -> np.ndarray:
     """Log odds of what is one of two in such a part of all."""
-    return np.logaddexp(np.log(max(part, 1e-9)) + odds, np.log1p(-part))
+    return np.logaddexp(np.log(np.maximum(part, 1e-9)) + odds, np.log1p(-np.asarray(part)))
 
 
 def two_at_once(orders: np.ndarray, first: int) -> np.ndarray:
