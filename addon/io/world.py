@@ -161,7 +161,11 @@ def _stands_along(frames: np.ndarray, base: str, ghosts: float = 0.0) -> str:
     """
     if not len(frames):
         return ""
-    low, high = np.nanquantile(frames, [ghosts, 1 - ghosts], axis=1)
+    # Of no ghosts the quantiles are the least and the most, which are found sooner: every file that is read is asked.
+    if ghosts:
+        low, high = np.nanquantile(frames, [ghosts, 1 - ghosts], axis=1)
+    else:
+        low, high = np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)
     reach = np.median(high - low, axis=0)
     axes = sorted({1, 2, "XYZ".index(base[1])})
     found = []
