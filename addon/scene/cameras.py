@@ -64,21 +64,28 @@ def find_or_add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.C
 
 
 def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
-    """Makes calibrated cameras of all cameras of a scene, as they are, and gathers them in a collection.
+    """Makes calibrated cameras of all cameras of a scene, as they are, and gathers them in one collection.
 
-    Raises InputError when there is none, or one is not a perspective camera.
+    Those that it took before, and no calibration brought, get the size that the scene's pictures have now. Raises
+    InputError when there is none, or one is not a perspective camera.
     """
     items = [item for item in scene.objects if item.type == "CAMERA"]
     if not items:
         raise InputError(f"scene {scene.name} has no cameras; expected at least two")
-    lenses = [_read_lens(item, scene) for item in items]
-    collection = bpy.data.collections.new(naming.title("cameras"))
+    kept = [one for one in scene.collection.children_recursive if naming.CAMERAS in one]
+    brought = {item for one in kept if not is_adopted(one) for item in one.objects}
+    collection = next(filter(is_adopted, kept), None)
+    taken = set() if collection is None else set(collection.objects) - brought
+    lenses = [_read_lens(item, scene, anew=item in taken) for item in items]
+    if collection is None:
+        collection = bpy.data.collections.new(naming.title("cameras"))
+        scene.collection.children.link(collection)
     collection[naming.CAMERAS], collection[ADOPTED] = len(items), True
-    scene.collection.children.link(collection)
     for item, lens in zip(items, lenses, strict=True):
         item[naming.CAMERA] = camera_name(item)
         _keep_beyond_blender(item.data, *lens)
-        collection.objects.link(item)
+        if item.name not in collection.objects:
+            collection.objects.link(item)
     return collection
 
 
@@ -191,12 +198,15 @@ def pose_of(item: bpy.types.Object) -> Matrix:
     return own if item.parent is None else pose_of(item.parent) @ item.matrix_parent_inverse @ own
 
 
-def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarray, ...]:
-    """Image size (2,) px, intrinsic matrix (3, 3) px, distortion (5,) and inverse lens (3,) of one Blender camera."""
+def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene, anew: bool = False) -> tuple[np.ndarray, ...]:
+    """Image size (2,) px, intrinsic matrix (3, 3) px, distortion (5,) and inverse lens (3,) of one Blender camera.
+
+    `anew` takes the size that the scene's pictures have for the one that is kept with it.
+    """
     data, render = item.data, scene.render
     if data.type != "PERSP":
         raise InputError(f"camera {camera_name(item)} is not a perspective camera; expected one with a focal length")
-    if IMAGE_SIZE in data:
+    if IMAGE_SIZE in data and not anew:
         size, aspect = np.array(data[IMAGE_SIZE], dtype=float), float(data[ASPECT])
     else:
         percent = render.resolution_percentage / 100

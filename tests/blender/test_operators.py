@@ -202,10 +202,17 @@ def test_a_scenes_own_cameras_can_be_used_and_what_is_missing_is_said_before(ext
     empty.scene.render.resolution_x, empty.scene.render.resolution_y = 800, 600
     press("use_cameras")
     empty.scene.render.resolution_x = 1234
-    cameras = cameras_of(empty.scene.mocap_autolabel.source.cameras, empty.scene)
+    own = empty.scene.mocap_autolabel.source.cameras
+    cameras = cameras_of(own, empty.scene)
     assert cameras.names == ("left", "right")
     np.testing.assert_array_equal(cameras.size, [[800, 600]] * 2)
     np.testing.assert_allclose(cameras.matrix[0, :2, 2], [400 - 80, 300], rtol=1e-6)
+    press("import_cameras", filepath=files.cameras)
+    empty.scene.render.resolution_x = 1234
+    press("use_cameras")
+    assert empty.scene.mocap_autolabel.source.cameras == own
+    sizes = cameras_of(own, empty.scene).size[:, 0].tolist()
+    assert sizes[:2] == [1234] * 2 and set(sizes[2:]) == {656}, "those of a calibration keep theirs"
     camera.data.type = "ORTHO"
     refused("right is not a perspective camera", "use_cameras")
 
