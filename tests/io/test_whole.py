@@ -153,6 +153,13 @@ def test_a_folder_that_may_not_be_written_is_told_before_the_work(tmp_path, monk
     refused("may not be written", tmp_path / "take.c3d")
 
 
+def test_a_folder_that_another_run_takes_away_meanwhile_as_it_failed_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda path, mode: path.rmdir() is None)
+    with whole_file(tmp_path / "new" / "take.c3d") as part:
+        part.write_text("whole")
+    assert held(tmp_path / "new") == {"take.c3d": "whole"}
+
+
 def test_links_and_letter_case_make_no_other_file(tmp_path):
     take = tmp_path / "take.c3d"
     take.write_text("recorded")
