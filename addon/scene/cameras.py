@@ -80,7 +80,7 @@ def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
     if collection is None:
         collection = bpy.data.collections.new(naming.title("cameras"))
         scene.collection.children.link(collection)
-    collection[naming.CAMERAS], collection[ADOPTED] = len(items), True
+    collection[naming.CAMERAS], collection[ADOPTED], collection.hide_viewport = len(items), True, False
     for item, lens in zip(items, lenses, strict=True):
         item[naming.CAMERA] = camera_name(item)
         _keep_beyond_blender(item.data, *lens)

@@ -208,9 +208,9 @@ def test_a_scenes_own_cameras_can_be_used_and_what_is_missing_is_said_before(ext
     np.testing.assert_array_equal(cameras.size, [[800, 600]] * 2)
     np.testing.assert_allclose(cameras.matrix[0, :2, 2], [400 - 80, 300], rtol=1e-6)
     press("import_cameras", filepath=files.cameras)
-    empty.scene.render.resolution_x = 1234
+    empty.scene.render.resolution_x, own.hide_viewport = 1234, True  # as refining leaves it
     press("use_cameras")
-    assert empty.scene.mocap_autolabel.source.cameras == own
+    assert empty.scene.mocap_autolabel.source.cameras == own and not own.hide_viewport
     sizes = cameras_of(own, empty.scene).size[:, 0].tolist()
     assert sizes[:2] == [1234] * 2 and set(sizes[2:]) == {656}, "those of a calibration keep theirs"
     camera.data.type = "ORTHO"
