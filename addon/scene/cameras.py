@@ -66,8 +66,9 @@ def find_or_add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.C
 def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
     """Makes calibrated cameras of all cameras of a scene, as they are, and gathers them in one collection.
 
-    Those that it took before, and no calibration brought, get the size that the scene's pictures have now. Raises
-    InputError when there is none, or one is not a perspective camera.
+    Those that it took before, and no calibration brought, get the size that the scene's pictures have now, and their
+    name; they go before those of the same name that one did. Raises InputError when there is none, or one is not a
+    perspective camera.
     """
     items = [item for item in scene.objects if item.type == "CAMERA"]
     if not items:
@@ -76,13 +77,16 @@ def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
     brought = {item for one in kept if not is_adopted(one) for item in one.objects}
     collection = next(filter(is_adopted, kept), None)
     taken = set() if collection is None else set(collection.objects) - brought
+    names = {item: item.name if item in taken else camera_name(item) for item in items}
+    chosen = set({names[item]: item for item in sorted(items, key=lambda item: item not in brought)}.values())
+    items = [item for item in items if item in chosen]
     lenses = [_read_lens(item, scene, anew=item in taken) for item in items]
     if collection is None:
         collection = bpy.data.collections.new(naming.title("cameras"))
         scene.collection.children.link(collection)
     collection[naming.CAMERAS], collection[ADOPTED], collection.hide_viewport = len(items), True, False
     for item, lens in zip(items, lenses, strict=True):
-        item[naming.CAMERA] = camera_name(item)
+        item[naming.CAMERA] = names[item]
         _keep_beyond_blender(item.data, *lens)
         if item.name not in collection.objects:
             collection.objects.link(item)
