@@ -75,8 +75,10 @@ def draw_frame(canvas: "Canvas", context: bpy.types.Context):
         draw_camera(canvas, stored, index, camera, settings)
         return
     canvas.perspective = canvas.perspective @ placed(collection)
-    if settings.display.show_rays and isinstance(stored.rows, Blobs):
-        draw_rays(canvas, stored, index)
+    rays = settings.display.show_rays
+    # Until there are markers to see, but not while it plays: this takes longer than a frame lasts.
+    if isinstance(stored.rows, Blobs) and (rays or not (stored.names or context.screen.is_animation_playing)):
+        draw_rays(canvas, stored, index, rays)
     draw_markers(canvas, stored, index, settings, collection)
 
 
@@ -216,13 +218,13 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
         canvas.names([stored.names[marker] for marker in seen.marker[named]], places[named])
 
 
-def draw_rays(canvas: Canvas, stored: Stored, index: int):
-    """The rays of all blobs and the points in which they meet, whether they have names or not."""
+def draw_rays(canvas: Canvas, stored: Stored, index: int, rays: bool = True):
+    """The rays of all blobs and the points in which they meet, or these alone, whether they have names or not."""
     before, (known, meeting) = opened.looked_at.get("meeting", (None, (-1, None)))
     if before is not stored or known != index:
         meeting = FrameRays.of(stored, index)
         opened.looked_at["meeting"] = stored, (index, meeting)
-    for ends, colour in ((meeting.ends, RAY), (meeting.loose, LOOSE_RAY)):
+    for ends, colour in ((meeting.ends, RAY), (meeting.loose, LOOSE_RAY)) if rays else ():
         canvas.lines(canvas.place(ends), np.broadcast_to(np.array(colour), (len(ends), 2, 4)), 1.0)
     canvas.discs(canvas.place(meeting.points), np.tile(np.array(WHITE), (len(meeting.points), 1)), BLOB_RADIUS - 1, 1.0)
     words = f"{count_of(len(meeting.points), 'point')}, {count_of(len(meeting.loose), 'blob')} in none of them"
