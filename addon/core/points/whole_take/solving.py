@@ -139,9 +139,7 @@ class _Solving:
                 self._add_extras()
             self._spread(freedom)
             if self.crowd:
-                before, questions = self.marker, self._put_in_place()
-                if (before != self.marker).any():
-                    self._spread(freedom)
+                questions = self._put_in_place()
         if self.crowd:
             return self._solution(self._filled(), questions)
         if self._add_extras():
