@@ -87,7 +87,8 @@ def own_folder(parent: Path, prefix: str, trouble: Callable[[OSError, Path], Job
             OWN.add(path)  # before it is made: a request to end may come at any line
             stack.callback(_remove, path)
             try:
-                path.mkdir(mode=0o700)  # only its user may look into it
+                # Only its user may look into it; a run that failed meanwhile may have taken `parent` away.
+                path.mkdir(mode=0o700, parents=True)
                 with suppress(FileNotFoundError):
                     lock = stack.enter_context((path / LOCK).open("xb", buffering=0))
                     folder = path if _hold(lock, path / LOCK) else None

@@ -101,15 +101,16 @@ def whole_files(targets: Sequence[Path], overwrite: bool = False, read: Iterable
 
     The temporary paths are in the order of `targets`, in folders within the same folders, with the same names. A
     temporary that the block did not write stands for an optional file: its target does not appear. Missing folders are
-    made.
+    made, and are gone again where nothing appears in them.
     """
     targets = [Path(target) for target in targets]
     parents = dict.fromkeys(target.parent for target in targets)
     for parent in parents:
         finish_renaming(parent)
     check_targets(targets, overwrite, read)
-    _make_folders(targets)
     with ExitStack() as stack:
+        for parent in parents:
+            stack.enter_context(_made_folder(parent))
         folders = {parent: stack.enter_context(own_folder(parent, PART, _unwritable)) for parent in parents}
         temporaries = [folders[target.parent] / target.name for target in targets]
         try:
@@ -331,17 +332,23 @@ def _refuse(target: Path, overwrite: bool):
             raise InputError(words, target) from None
 
 
-def _make_folders(targets: Sequence[Path]):
-    for target in targets:
+@contextmanager
+def _made_folder(folder: Path) -> Iterator[None]:
+    """Makes a folder, with those above it; at the end those that were missing go where nothing is in them."""
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
         try:
-            target.parent.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(
-                f"cannot be made a folder ({error.strerror}); expected a place to write", target.parent
-            ) from None
+            raise InputError(f"cannot be made a folder ({error.strerror}); expected a place to write", folder) from None
         # Said before the work, not after it.
-        if not os.access(target.parent, os.W_OK | os.X_OK):
-            raise InputError("is a folder that may not be written; expected a place to write", target.parent)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise InputError("is a folder that may not be written; expected a place to write", folder)
+        yield
+    finally:
+        with suppress(OSError):
+            for one in missing:
+                one.rmdir()
 
 
 def _of_whom(error: OSError, place: Path, parts: Sequence[Path]) -> JobError:

@@ -97,11 +97,12 @@ UNSURE_WORDS = {"-Z": "+Z", "+Y": "+Y"}  # each with what is most likely meant
 
 # How a standing person's points lie; nearly all takes at hand that stand along an axis by this have it up.
 STANDING_FRAMES = 400  # that are looked at, evenly spread: memory, 400 of 10,000 points are 96 MB
-# m, of the lowest marker above nought: physical, from one buried by a poor origin to one at half a shank
-FLOOR_M = (-0.3, 0.4)
+HIGHEST_FLOOR_M = 0.4  # of the lowest marker above nought: physical, half a shank
 MIN_HEIGHT_M = 0.5  # that markers reach up from it: physical, half the legs of an adult
 MIN_LONGER = 1.3  # times as long as wide who surely stands: measured, who kneels down from a run was 1.0 to 1.2
-MAX_WANDER = 0.25  # of the height, of the lowest marker: physical, a jump and a step are less than a shank
+# of the height, that the lowest marker moves, or is buried by a poor origin: physical, a jump and a step are less than
+# a shank; who sits with the origin in the chest is buried by more
+MAX_WANDER = 0.25
 # of the points at either end, which may be ghosts where nothing stands otherwise: measured, three of 118 takes stand
 # so; with 0.05 a serve of 22 points is read with another axis up
 GHOSTS = 0.02
@@ -174,7 +175,7 @@ def _stands_along(frames: np.ndarray, base: str, ghosts: float = 0.0) -> str:
             continue
         for sign, ground in (("+", low[:, axis]), ("-", -high[:, axis])):
             tenth, last_tenth = np.percentile(ground, [10, 90])
-            on_floor = FLOOR_M[0] < tenth < FLOOR_M[1]
+            on_floor = -MAX_WANDER * reach[axis] < tenth < HIGHEST_FLOOR_M
             steady = last_tenth - tenth < MAX_WANDER * reach[axis]
             if on_floor and steady and (sign == "+" or base[1] == "XYZ"[axis]):
                 found.append(sign + "XYZ"[axis])

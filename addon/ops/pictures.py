@@ -135,8 +135,7 @@ class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, Ours, bpy.types.Operat
         scene, settings = context.scene, context.scene.mocap_autolabel
         there = cameras_at_hand(scene)
         own = not there or scene_cameras.is_adopted(settings.source.cameras)
-        items = settings.source.cameras.all_objects if there else scene.objects
-        items = [item for item in items if item.type == "CAMERA"]
+        items = scene_cameras.originals(settings.source.cameras.all_objects if there else scene.objects)
         clips, cameras = _clips_of(items, scene), scene_cameras.calibrations(items, scene)
         used = {cameras.names.index(name): clip for name, clip in clips.items()}
         for index, clip in used.items():

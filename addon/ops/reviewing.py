@@ -10,7 +10,7 @@ from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
 from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
 from ..props import list_trouble
-from ..scene.cameras import camera_name
+from ..scene.cameras import camera_name, originals
 from ..scene.roots import in_world
 from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
@@ -100,8 +100,8 @@ def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
         meant = np.isin(dots.marker, markers) | dots.of(trouble.trajectories)
         points = dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
     show_picked(context, stored, points, markers)
-    for item in cameras.all_objects if cameras is not None and trouble.cameras else ():
-        if item.type == "CAMERA" and camera_name(item) in trouble.cameras and item.name in context.view_layer.objects:
+    for item in originals(cameras.all_objects) if cameras is not None and trouble.cameras else ():
+        if camera_name(item) in trouble.cameras and item.name in context.view_layer.objects:
             item.select_set(True)
             context.view_layer.objects.active = item
 

@@ -7,6 +7,7 @@ Pixel (0, 0) is the upper left corner of Blender's picture.
 """
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import bpy
@@ -64,21 +65,32 @@ def find_or_add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.C
 
 
 def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
-    """Makes calibrated cameras of all cameras of a scene, as they are, and gathers them in a collection.
+    """Makes calibrated cameras of all cameras of a scene, as they are, and gathers them in one collection.
 
-    Raises InputError when there is none, or one is not a perspective camera.
+    Those that it took before, and no calibration brought, get the size that the scene's pictures have now, and their
+    name; they go before those of the same name that one did. Raises InputError when there is none, or one is not a
+    perspective camera.
     """
     items = [item for item in scene.objects if item.type == "CAMERA"]
     if not items:
         raise InputError(f"scene {scene.name} has no cameras; expected at least two")
-    lenses = [_read_lens(item, scene) for item in items]
-    collection = bpy.data.collections.new(naming.title("cameras"))
-    collection[naming.CAMERAS], collection[ADOPTED] = len(items), True
-    scene.collection.children.link(collection)
+    kept = [one for one in scene.collection.children_recursive if naming.CAMERAS in one]
+    brought = {item for one in kept if not is_adopted(one) for item in originals(one.objects)}
+    own = {item for one in kept for item in one.objects} - brought
+    names = {item: item.name if item in own else camera_name(item) for item in items}
+    chosen = set({names[item]: item for item in sorted(items, key=lambda item: item not in brought)}.values())
+    items = [item for item in items if item in chosen]
+    lenses = [_read_lens(item, scene, anew=item in own) for item in items]
+    collection = next(filter(is_adopted, kept), None)
+    if collection is None:
+        collection = bpy.data.collections.new(naming.title("cameras"))
+        scene.collection.children.link(collection)
+    collection[naming.CAMERAS], collection[ADOPTED], collection.hide_viewport = len(items), True, False
     for item, lens in zip(items, lenses, strict=True):
-        item[naming.CAMERA] = camera_name(item)
+        item[naming.CAMERA] = names[item]
         _keep_beyond_blender(item.data, *lens)
-        collection.objects.link(item)
+        if item.name not in collection.objects:
+            collection.objects.link(item)
     return collection
 
 
@@ -89,7 +101,15 @@ def is_adopted(collection: bpy.types.Collection) -> bool:
 
 def cameras_of(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Cameras:
     """The calibrations of a collection's cameras as they stand now."""
-    return calibrations([item for item in collection.all_objects if item.type == "CAMERA"], scene)
+    return calibrations(originals(collection.all_objects), scene)
+
+
+def originals(items: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """The cameras among some objects: the first of each name, as the others are copies that somebody made of it."""
+    found: dict[str, bpy.types.Object] = {}
+    for item in (one for one in items if one.type == "CAMERA"):
+        found.setdefault(camera_name(item), item)
+    return list(found.values())
 
 
 def cameras_of_scene(scene: bpy.types.Scene) -> Cameras:
@@ -98,7 +118,7 @@ def cameras_of_scene(scene: bpy.types.Scene) -> Cameras:
     Raises InputError when there is none, or one is not a perspective camera.
     """
     found = [item for item in scene.objects if item.type == "CAMERA"]
-    calibrated = [item for item in found if is_mocap_camera(item)]
+    calibrated = originals(filter(is_mocap_camera, found))
     if not found:
         raise InputError(f"scene {scene.name} has no cameras; expected at least two")
     return calibrations(calibrated or found, scene)
@@ -191,12 +211,15 @@ def pose_of(item: bpy.types.Object) -> Matrix:
     return own if item.parent is None else pose_of(item.parent) @ item.matrix_parent_inverse @ own
 
 
-def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarray, ...]:
-    """Image size (2,) px, intrinsic matrix (3, 3) px, distortion (5,) and inverse lens (3,) of one Blender camera."""
+def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene, anew: bool = False) -> tuple[np.ndarray, ...]:
+    """Image size (2,) px, intrinsic matrix (3, 3) px, distortion (5,) and inverse lens (3,) of one Blender camera.
+
+    `anew` takes the size that the scene's pictures have for the one that is kept with it.
+    """
     data, render = item.data, scene.render
     if data.type != "PERSP":
         raise InputError(f"camera {camera_name(item)} is not a perspective camera; expected one with a focal length")
-    if IMAGE_SIZE in data:
+    if IMAGE_SIZE in data and not anew:
         size, aspect = np.array(data[IMAGE_SIZE], dtype=float), float(data[ASPECT])
     else:
         percent = render.resolution_percentage / 100
@@ -243,7 +266,7 @@ def show_refined(
     collection = find_or_add_cameras(scene, cameras)
     collection[REFINED] = json.dumps(report)
     if through is not None and through.name in before.all_objects:
-        by_name = {camera_name(item): item for item in collection.objects}
+        by_name = {camera_name(item): item for item in originals(collection.objects)}
         look_through(scene, by_name[camera_name(through)])
     before.hide_viewport = True
     return collection

@@ -75,14 +75,14 @@ def retarget_take(
     source = armature_of(collection)
     bones, place = checked(rig, matched, body.character, source.matrix_world)
     joints, rotated = body.settled()
-    there = np.isfinite(joints).all(axis=(1, 2))
-    if not there.any():
+    there = np.flatnonzero(np.isfinite(joints).all(axis=(1, 2)))
+    if not len(there):
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
     ready = ReadyRig.of(rig, bones, place)
     with ready.before.or_put_back(rig):
-        motion = joints[there], rotated[there]
+        motion = joints[there[0] : there[-1] + 1], rotated[there[0] : there[-1] + 1]
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
-        channels = list(ready.channels(*moved))
+        channels = [(*channel, values[there - there[0]]) for *channel, values in ready.channels(*moved)]
     action = _own_action(rig, collection, stored.name)
     clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
     bag, frames = animation.bind(rig, action), clock.shown(stored.motion.frames)[there]

@@ -86,7 +86,8 @@ def follow_rate(scene: bpy.types.Scene, but: Sequence[bpy.types.Collection] = ()
     so still; of the active one it shows the same frame, and the preview range has the same. Gives the names of what
     does not follow: keys were changed, are another file's, or would be too near to each other.
     """
-    moving = [item for item in scene.objects if not any(_moves_by(item, take) for take in but)]
+    others = {item for take in but for item in take.all_objects}
+    moving = [item for item in scene.objects if item not in others and not _moves_by(item, but)]
     left = [item.name for item in moving if not animation.retime(item, fps_of(scene))]
     settings = getattr(scene, "mocap_autolabel", None)
     active = None if settings is None else settings.take or settings.source.preview
@@ -113,10 +114,10 @@ def follow_rate(scene: bpy.types.Scene, but: Sequence[bpy.types.Collection] = ()
     return left
 
 
-def _moves_by(item: bpy.types.Object, take: bpy.types.Collection) -> bool:
-    """Whether an object is a take's, or has an action that was made of it."""
+def _moves_by(item: bpy.types.Object, takes: Sequence[bpy.types.Collection]) -> bool:
+    """Whether an object has an action that was made of one of these takes."""
     action = None if item.animation_data is None else item.animation_data.action
-    return action is not None and (ownership.is_made_for(action, take) or item in list(take.all_objects))
+    return action is not None and any(ownership.is_made_for(action, take) for take in takes)
 
 
 def _follow_ranges(scene: bpy.types.Scene, before: TakeClock, now: TakeClock, ends: tuple[int, int], preview: bool):

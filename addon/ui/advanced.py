@@ -8,7 +8,7 @@ from ..io.batch import AT_WORK, FAILING, WAITING
 from ..ops.importing import cameras_at_hand
 from ..props import wears_own
 from ..scene import naming
-from ..scene.cameras import camera_name, kept_health, kept_refinement
+from ..scene.cameras import camera_name, is_adopted, kept_health, kept_refinement, originals
 from ..scene.markerset_edit import changed_since, edited_collection, kept_report
 from ..scene.take import holds_points, is_take
 from .parts import (
@@ -67,14 +67,15 @@ def cameras(layout, context):
     settings = context.scene.mocap_autolabel
     column = layout.column(align=True)
     column.operator("mocap_autolabel.import_cameras", icon="IMPORT")
-    if not cameras_at_hand(context.scene) and any(item.type == "CAMERA" for item in context.scene.objects):
+    brought = cameras_at_hand(context.scene) and not is_adopted(settings.source.cameras)
+    if not brought and any(item.type == "CAMERA" for item in context.scene.objects):
         column.operator("mocap_autolabel.use_cameras", icon="OUTLINER_OB_CAMERA")
     column.operator("mocap_autolabel.find_blobs", icon="FILE_MOVIE")
     if len(bpy.data.movieclips):
         column.operator("mocap_autolabel.import_clip_tracks", icon="TRACKER")
     if not cameras_at_hand(context.scene):
         return
-    cameras = [item for item in settings.source.cameras.all_objects if item.type == "CAMERA"]
+    cameras = originals(settings.source.cameras.all_objects)
     grid = layout.grid_flow(columns=1 if len(cameras) <= FEW_SHOWN else 2, even_columns=True, align=True)
     for camera in cameras:
         icon = "OUTLINER_OB_CAMERA" if context.scene.camera == camera else "CAMERA_DATA"

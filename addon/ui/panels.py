@@ -14,6 +14,7 @@ from ..ops.importing import USE_ITEMS, cameras_at_hand
 from ..ops.reposing import words_behind
 from ..ops.retargeting import active_rig
 from ..props import OWN_FILE, found_here, is_opened, opened_file
+from ..scene.cameras import originals
 from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
 from ..scene.take import is_take, takes_of
@@ -75,7 +76,7 @@ def draw_import(self, _context):
 
 def _cameras_here(settings: bpy.types.PropertyGroup) -> str:
     items = settings.source.cameras.all_objects if settings.source.cameras else ()
-    return count_of(sum(item.type == "CAMERA" for item in items), "camera")
+    return count_of(len(originals(items)), "camera")
 
 
 def _draw_card(layout: bpy.types.UILayout, context, path: str):

@@ -115,6 +115,9 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: lonely tracklets": {
         "points.whole_take.solving._Solving._lonely": lambda self, own, search: np.zeros(len(own), bool)
     },
+    "points: likelier a ghost": {
+        "points.whole_take.solving._Solving._unlikely": lambda self, own, search: np.zeros(len(own), bool)
+    },
     "points: layout of a crowd": {"points.whole_take.solving.named_by_layout": _no_layout},
     "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},
     "points: unmodelled markers": {"points.whole_take.solving._Solving._add_extras": lambda self: False},

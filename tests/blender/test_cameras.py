@@ -63,6 +63,7 @@ def test_cameras_are_where_they_are_as_soon_as_a_file_is_open(empty, made, tmp_p
     rig = add_object("Rig")
     rig.location, rig.rotation_euler = (1, 2, 0), (0, 0, 0.5)
     collection.objects[1].parent = rig
+    collection.objects.link(collection.objects[0].copy())  # as a person makes one to render through
     empty.view_layer.update()
     before = scene_cameras.cameras_of(collection, empty.scene)
     moved = rig.matrix_world @ Vector(cameras.centres[1])

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ from addon.core.points.models import Model
 from addon.io.markersets import open_markerset
 from addon.io.models import write_model
 from addon.scene import naming
-from addon.scene.cameras import cameras_of
+from addon.scene.cameras import cameras_of, show_refined
 from tests.faults.stage import SECONDS
 
 from .conftest import open_room, rows_of_export, write_room
@@ -202,10 +203,19 @@ def test_a_scenes_own_cameras_can_be_used_and_what_is_missing_is_said_before(ext
     empty.scene.render.resolution_x, empty.scene.render.resolution_y = 800, 600
     press("use_cameras")
     empty.scene.render.resolution_x = 1234
-    cameras = cameras_of(empty.scene.mocap_autolabel.source.cameras, empty.scene)
+    own = empty.scene.mocap_autolabel.source.cameras
+    cameras = cameras_of(own, empty.scene)
     assert cameras.names == ("left", "right")
     np.testing.assert_array_equal(cameras.size, [[800, 600]] * 2)
     np.testing.assert_allclose(cameras.matrix[0, :2, 2], [400 - 80, 300], rtol=1e-6)
+    show_refined(empty.scene, own, replace(cameras, translation=cameras.translation + 1), {})
+    press("import_cameras", filepath=files.cameras)
+    empty.scene.render.resolution_x = 1234
+    press("use_cameras")
+    assert empty.scene.mocap_autolabel.source.cameras == own and not own.hide_viewport
+    cameras = cameras_of(own, empty.scene)
+    assert cameras.names[:2] == ("left", "right") and len(set(cameras.names)) == len(cameras.names) > 2
+    np.testing.assert_array_equal(cameras.size[:, 0], [1234] * 2 + [656] * (len(cameras) - 2))
     camera.data.type = "ORTHO"
     refused("right is not a perspective camera", "use_cameras")
 

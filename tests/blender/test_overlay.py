@@ -2,6 +2,7 @@
 """What the overlay draws, and that it draws: through a camera everything lies where Blender itself puts it."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Matrix, Vector
 
-from addon.core.data.takes import NO_MARKER
+from addon.core.data.takes import NO_MARKER, Blobs
 from addon.scene import take as takes
 from addon.scene.blob_dots import FrameRays, blob_dots
 from addon.scene.cameras import look_through
@@ -163,6 +164,24 @@ def test_blobs_are_looked_at_before_they_are_labelled_and_their_rays_meet_where_
     assert (len(alone.points), len(alone.loose)) == (0, (take.rows.camera[here] == 1).sum())
 
 
+def test_where_rays_meet_is_seen_until_there_are_markers_while_nothing_plays(extension, empty, made, monkeypatch):
+    overlay, drawn, display = ours("ui.overlay"), [], empty.scene.mocap_autolabel.display
+    monkeypatch.setattr(overlay, "Blobs", Blobs)
+    monkeypatch.setattr(overlay, "draw_rays", lambda *given: drawn.append(given[-1]))
+    monkeypatch.setattr(overlay, "draw_markers", lambda *_: None)
+    view = SimpleNamespace(region_3d=SimpleNamespace(view_perspective="PERSP"))
+    for wanted, names, plays in ((False, (), False), (False, (), True), (False, ("C7",), False), (True, ("C7",), True)):
+        stored = SimpleNamespace(rows=made.take().rows, names=names, index_of=lambda _: 10)
+        monkeypatch.setattr(overlay, "shown", lambda _, stored=stored: stored)
+        screen, display.show_rays = SimpleNamespace(is_animation_playing=plays), wanted
+        context = SimpleNamespace(scene=empty.scene, screen=screen, space_data=view)
+        overlay.draw_frame(SimpleNamespace(perspective=np.eye(4)), context)
+    monkeypatch.setattr(overlay, "FEW_BLOBS", 1)
+    stored.names, screen.is_animation_playing, display.show_rays = (), False, False
+    overlay.draw_frame(SimpleNamespace(perspective=np.eye(4)), context)
+    assert drawn == [False, True], "more take too long to be found unasked"
+
+
 def contrast(*colours: np.ndarray) -> float:
     """The contrast of two colours of a theme, as WCAG 2.2 has it: 3 for what is read at a glance, 4.5 for text."""
     linear = [np.where(one <= 0.04045, one / 12.92, ((one + 0.055) / 1.055) ** 2.4) for one in colours]
@@ -231,8 +250,8 @@ def test_it_draws(empty, settings, made, monkeypatch):
     for x, y in take.rows.xy[rows]:
         red, green, blue, _ = picture[round(size[1] - y), round(x)]
         assert green > 0.5 > max(red, blue), "an exclusive blob is green"
-    rays = drawn(lambda canvas: overlay.draw_rays(canvas, stored, 10))
-    assert (np.abs(rays[..., 0] - 0.2) > 0.05).sum() > 50
+    rays, points = (drawn(lambda canvas, on=on: overlay.draw_rays(canvas, stored, 10, on)) for on in (True, False))
+    assert (np.abs(rays[..., 0] - 0.2) > 0.05).sum() > (np.abs(points[..., 0] - 0.2) > 0.05).sum() > 50
     plain = drawn(lambda canvas: overlay.draw_markers(canvas, stored, 10, settings))
     assert (np.abs(plain[..., 0] - 0.2) > 0.3).sum() > 50
 

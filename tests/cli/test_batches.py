@@ -176,7 +176,7 @@ def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeyp
     reason = label(*FEW).refusal(1)
     assert reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
     assert "cannot hold temporary files (No space left on device); expected room there, or another TMPDIR" in reason
-    assert not list(temporary.iterdir()) and not list((tmp_path / "out").iterdir())
+    assert not list(temporary.iterdir()) and not (tmp_path / "out").exists()
 
 
 def test_what_a_killed_run_left_among_temporary_files_goes_with_a_run_that_makes_none(run, room, temporary, tmp_path):

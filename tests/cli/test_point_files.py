@@ -192,7 +192,7 @@ def test_a_take_longer_than_blender_counts_is_refused_before_it_is_worked_on(lab
     monkeypatch.setattr("addon.scene.clock.LAST_FRAME", 50)
     reason = label("--blend", blobs=[moved(room, tmp_path, 0, 60)]).refusal(1)
     assert "from frame 100 to 179; expected at most 50 frames" in reason
-    assert not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("first", [5_000_000_000, 2**32 - 10])
@@ -204,7 +204,7 @@ def test_points_beyond_what_a_c3d_counts_are_told_with_file_and_line(run, room, 
     path.write_text("\n".join([*lines[:6], *rows, ""]))
     reason = run("label", path, "--model", MODEL, "--out", out, "--trc").refusal(2)
     assert "far.trc:" in reason and "up to 4294967295" in reason
-    assert not out.exists() or not list(out.iterdir())
+    assert not out.exists()
 
 
 @pytest.fixture(scope="module")

@@ -619,6 +619,13 @@ def test_arms_spread_out_and_who_lies_are_no_height_and_nothing_to_look_at_leave
 
 
 @pytest.mark.parametrize("up", ["+Z", "+Y"])
+def test_who_sits_above_the_origin_does_not_stand_on_an_arm(up):
+    """An athlete's trunk and arms, who reaches as far to either side as up, is 0.3 m beside the origin at most."""
+    sits = np.random.default_rng(0).uniform((-0.28, -0.28, 0.65), (0.4, 0.4, 1.35), (50, 60, 3))
+    assert find_up("", turned(sits, up), ("",) * 60, usual=up).axis == up
+
+
+@pytest.mark.parametrize("up", ["+Z", "+Y"])
 def test_a_ghost_below_the_floor_in_a_third_of_the_frames_hides_nobody(up):
     many = np.concatenate([person() + np.array([0.0, 0.01 * place, 0.0]) for place in range(6)], axis=1)
     ghost = np.full((len(many), 1, 3), np.nan)

@@ -66,7 +66,8 @@ def test_a_file_appears_only_when_the_block_ends_well(tmp_path):
 
 @pytest.mark.parametrize("trouble", [ValueError, KeyboardInterrupt, GeneratorExit])
 def test_nothing_is_left_of_a_block_that_fails(tmp_path, trouble):
-    with pytest.raises(trouble), whole_files([tmp_path / "take.c3d", tmp_path / "take.json"]) as parts:
+    new = tmp_path / "new"
+    with pytest.raises(trouble), whole_files([new / "take.c3d", new / "er" / "take.json"]) as parts:
         parts[0].write_text("half of")
         raise trouble
     assert not list(tmp_path.iterdir())
@@ -150,6 +151,13 @@ def test_a_free_name_is_found(tmp_path):
 def test_a_folder_that_may_not_be_written_is_told_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)  # nothing is forbidden to root
     refused("may not be written", tmp_path / "take.c3d")
+
+
+def test_a_folder_that_another_run_takes_away_meanwhile_as_it_failed_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda path, mode: path.rmdir() is None)
+    with whole_file(tmp_path / "new" / "take.c3d") as part:
+        part.write_text("whole")
+    assert held(tmp_path / "new") == {"take.c3d": "whole"}
 
 
 def test_links_and_letter_case_make_no_other_file(tmp_path):
@@ -350,6 +358,7 @@ def test_the_file_that_the_system_names_is_to_blame_and_a_folder_that_goes_away_
         whole_file(tmp_path / "take.c3d") as part,
     ):
         raise OSError(errno.ENOSPC, "No space left on device", str(part))
+    (tmp_path / "share").mkdir()
     with pytest.raises(JobError, match="went away"), whole_file(tmp_path / "share" / "take.c3d") as part:
         part.write_text("new")
         (tmp_path / "share").rename(tmp_path / "elsewhere")

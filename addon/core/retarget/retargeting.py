@@ -15,6 +15,7 @@ from ..body.sides import BODY_SIDES
 from ..filling.ground import LEG, ON_GROUND, eased, toes_bent
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
 from ..posing.character import FACING, Character
+from ..review.suspects import runs
 from .matching import FINGER_WORDS
 
 SPINE = ("spine", "between", "chest")
@@ -102,9 +103,11 @@ def retarget(
 
     From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments, so many a second. `feet` stay
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
-    Legs and arms bend for that; hips go part of what planted feet lack, and turn less where they are wider.
+    Legs and arms bend for that; hips go part of what planted feet lack, and turn less where they are wider. Where the
+    body is NaN it goes straight from where it was to where it is again.
     """
-    body = BodyInMotion(character, *character.posed(*motion))
+    joints, rotated, found = _bridged(*motion)
+    body = BodyInMotion(character, *character.posed(joints, rotated), found)
     rig = _with_feet(rig, body)
     at, aligned = rig.at, _alignments(rig, body)
     turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
@@ -143,11 +146,15 @@ def retarget(
 
 @dataclass(frozen=True, eq=False)
 class BodyInMotion:
-    """A character with where its bones begin (F, B, 3) m, and how they are turned from the T-pose (F, B, 3, 3)."""
+    """A character with where its bones begin (F, B, 3) m, and how they are turned from the T-pose (F, B, 3, 3).
+
+    In which frames (F,) it was `found`.
+    """
 
     character: Character
     heads: np.ndarray
     turns: np.ndarray
+    found: np.ndarray
 
     @property
     def at(self) -> Mapping[str, int]:
@@ -166,6 +173,17 @@ class BodyInMotion:
         """(F, 3, 3) how a bone is turned from where the standing body has it, not the T-pose."""
         index = self.at[part]
         return self.turns[:, index] @ self.character.turns[index] @ FACING.T
+
+
+def _bridged(joints: np.ndarray, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joints (F, J, 3) m and rotations (F, J, 3, 3), those of NaN frames between those around; where (F,) none were."""
+    found = np.isfinite(joints).all(axis=(1, 2))
+    gone, rows, joints, rotated = np.flatnonzero(~found), np.flatnonzero(found), joints.copy(), rotated.copy()
+    way = np.interp(gone, rows, np.arange(len(rows)))
+    one, two, share = rows[way.astype(int)], rows[np.ceil(way).astype(int)], (way % 1)[:, None, None]
+    joints[gone] = joints[one] + share * (joints[two] - joints[one])
+    rotated[gone] = _part_way(rotated[one], rotated[two], share)
+    return joints, rotated, found
 
 
 def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
@@ -257,9 +275,9 @@ def _share(height: float, joint: float) -> float:
     return float(np.clip((height - joint + half) / (2 * half), 0, 1))
 
 
-def _part_way(start: np.ndarray, end: np.ndarray, share: float) -> np.ndarray:
-    """Rotations (F, 3, 3) so far of the short way from some to others."""
-    return start @ exponential(share * rotation_vector(start.swapaxes(1, 2) @ end))[0]
+def _part_way(start: np.ndarray, end: np.ndarray, share: float | np.ndarray) -> np.ndarray:
+    """Rotations (F, …, 3, 3) so far of the short way from some to others."""
+    return start @ exponential(share * rotation_vector(start.swapaxes(-2, -1) @ end))[0]
 
 
 def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
@@ -290,7 +308,7 @@ def _plants(body: BodyInMotion, legs: list[str], rate: float) -> tuple[float, Pl
         begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
         heights = [(begin + turned @ below)[:, 2] for below in (ball * (1, 1, 0) - ankle, ankle * (0, 0, -1))]
         lowest = np.minimum(*heights)
-        rows = np.flatnonzero(_planted(body.begin(f"toes.{side}"), lowest, rate))  # which holds still
+        rows = np.flatnonzero(_planted(body.begin(f"toes.{side}"), lowest, rate, body.found))  # which holds still
         stands += lowest[rows][np.abs(np.subtract(*heights))[rows] < ON_GROUND.low_m].tolist()
         planted[side], balls[side] = (rows, lowest[rows]), heights[0]
     ground = float(np.median(stands))
@@ -423,17 +441,24 @@ def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, flo
     )
 
 
-def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:
-    """(F,) whether a foot stands, by the path of its ball (F, 3) m and its lowest point's height (F,) m."""
+def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float, found: np.ndarray) -> np.ndarray:
+    """(F,) whether a foot stands, by the path of its ball (F, 3) m and its lowest point's height (F,) m.
+
+    Not in gaps, where it was not `found` (F,); short ones are none.
+    """
     from scipy.ndimage import binary_closing, binary_opening
 
     lag = max(int(rate * ON_GROUND.span_s / 2), 1)
-    ahead, behind = (ball[np.clip(np.arange(len(ball)) + step, 0, len(ball) - 1)] for step in (lag, -lag))
-    slow = np.linalg.norm(ahead - behind, axis=1) < ON_GROUND.slow_m_s * 2 * lag / rate
-    low = lowest < np.percentile(lowest, 5) + ON_GROUND.low_m
     kept, wide = np.ones(2 * lag + 1, bool), 2 * lag
-    # As it is at its ends, so it is before and after the take.
-    return binary_opening(binary_closing(np.pad(slow & low, wide, "edge"), kept), kept)[wide:-wide]
+    low, planted = lowest < np.percentile(lowest[found], 5) + ON_GROUND.low_m, np.zeros(len(found), bool)
+    for start, stop in runs(found, wide + 1):
+        frames = np.arange(start, stop)
+        ahead, behind = (ball[np.clip(frames + step, start, stop - 1)] for step in (lag, -lag))
+        slow = np.linalg.norm(ahead - behind, axis=1) < ON_GROUND.slow_m_s * 2 * lag / rate
+        # As it is at its ends, so it is before and after.
+        still = np.pad(slow & low[start:stop], wide, "edge")
+        planted[start:stop] = binary_opening(binary_closing(still, kept), kept)[wide:-wide]
+    return planted
 
 
 def place_of(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.ndarray:

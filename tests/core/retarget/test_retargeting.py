@@ -122,6 +122,21 @@ def test_planted_feet_do_not_slide_and_stand_on_the_floor(squats, size, thigh, r
     np.testing.assert_allclose(ankles[..., 2], 0.09 * size, atol=0.03 if raised else 0.012)
 
 
+@pytest.mark.parametrize(("begin", "end", "way"), [(50, 53, 0.0), (30, 75, 2.0)])
+def test_around_a_gap_of_the_body_a_rig_moves_as_without_it(squats, begin, end, way):
+    character, (joints, rotations) = squats
+    one, gone, found = rig(size=1.1, thigh=0.55), joints.copy(), []
+    gone[end:, :, 0] += way
+    gone[begin:end] = np.nan
+    for motion in ((joints, rotations), (gone, rotations)):
+        posed = retarget(character, motion, RATE, one, feet=True, hands=False)
+        found.append(places(one, *posed)[:, both(one.at, "foot", "thigh")])
+    off = found[1] - found[0]
+    off[end:] -= off[-1]
+    off[begin:end] = 0
+    assert (np.abs(off).max(axis=(0, 2)) < [0.001, 0.001, 0.005, 0.005]).all()
+
+
 @pytest.mark.parametrize("feet", [True, False])
 def test_a_rig_stands_on_the_floor_where_feet_are_kept_however_high_the_person_s_own_are(squats, feet):
     character, (joints, rotations) = squats

@@ -36,6 +36,11 @@ class LayoutOdds:
         """(K,) what slots are worth by names in orders (K, M + E)."""
         return self.odds(orders, most).sum(axis=1)
 
+    def of_each(self) -> np.ndarray:
+        """(M,) log odds of each marker as it is named, while it is there; NaN of one with too few others beside it."""
+        order = np.arange(len(self.coverage))[None]
+        return (self._of_distances(order, np.inf) + self._of_sides(order, np.inf))[0]
+
     def mean(self) -> float:
         """Log odds of a marker as it is named, on average of those that are there, for as long as each is."""
         odds = self.odds(np.arange(len(self.coverage))[None])[0]
@@ -46,6 +51,12 @@ class LayoutOdds:
 
         Squares are `most` at most, and a side costs half of it.
         """
+        own = orders[:, : self.markers]
+        odds = np.nan_to_num(self._of_distances(orders, most)) + self._of_sides(orders, most)
+        return odds * self.coverage[own]
+
+    def _of_distances(self, orders: np.ndarray, most: float) -> np.ndarray:
+        """(K, M) the same by distances alone; NaN where too few are known."""
         own, beside = orders[:, : self.markers], orders[:, self.near]
         away, spread = self.shown[own[..., None], beside], self.spread[own[..., None], beside]
         there = np.isfinite(away) & np.isfinite(self.expected) & np.isfinite(self.variance)
@@ -56,8 +67,7 @@ class LayoutOdds:
         square = np.minimum(square, most).sum(axis=-1) * share
         precision = share * np.where(there, 1 / self.variance, 0).sum(axis=-1) / 3 + LIKENESS.wide_m**-2
         odds = 1.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(LIKENESS.ghost_density)
-        odds = np.where(asked >= LIKENESS.min_neighbours, odds, 0) + self._of_sides(orders, most)
-        return odds * self.coverage[own]
+        return np.where(asked >= LIKENESS.min_neighbours, odds, np.nan)
 
     def _of_sides(self, orders: np.ndarray, most: float) -> np.ndarray:
         """(K, M) log likelihood of the side on which each marker is, by names in orders (K, M + E)."""
@@ -140,11 +150,15 @@ class Unmoved:
 
     def odds(self, shown: Moments) -> float:
         """Log odds of a naming, whose distances are `shown`, against that all markers may be elsewhere."""
-        odds, steady = self._of_pairs(shown)
-        asked = steady.sum(axis=1)
-        each = np.where(steady, _mixed(odds, self.part), 0).sum(axis=1) * worth_of_each(asked)
+        each, asked = self.of_each(shown)
         coverage = np.diagonal(shown.count)[: len(each)] / max(shown.frames, 1)
         return float((each * coverage)[asked >= LIKENESS.min_neighbours].sum())
+
+    def of_each(self, shown: Moments) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) the same of each marker while it is there, and (M,) by how many steady distances."""
+        odds, steady = self._of_pairs(shown)
+        asked = steady.sum(axis=1)
+        return np.where(steady, _mixed(odds, self.part), 0).sum(axis=1) * worth_of_each(asked), asked
 
     def _of_pairs(self, shown: Moments) -> tuple[np.ndarray, np.ndarray]:
         """(M, Q) log odds that the distance to each neighbour is the one that was learned, and which are steady."""

@@ -227,7 +227,7 @@ class _Solving:
         rivals: tuple[np.ndarray, ...] = ()
         if search is not None:
             alone = np.minimum(margin, self._of_seldom(own))
-            alone[self._lonely(own, search)] = 0.0
+            alone[self._unlikely(own, search) | self._lonely(own, search)] = 0.0
             of_others, questions, rivals = self._of_others(search, alone)
             margin = np.minimum(alone, of_others)
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
@@ -250,6 +250,16 @@ class _Solving:
         there = np.where(of_seldom, coverage, REFUSAL.min_half)
         less = MARGINS.there - np.log(there / (1 - there))
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own] - less, np.inf)
+
+    def _unlikely(self, own: np.ndarray, search: Search) -> np.ndarray:
+        """(N,) True for names (N,) of what is likelier a ghost by where training alone knows the markers to sit.
+
+        What is always there keeps its distances, and thus bears out whatever it is called. What somebody holds may be
+        anywhere, and if its markers were not put on again they are as far from each other as they were.
+        """
+        unmoved, _ = self._unmoved(search).of_each(search.best.moments)
+        ghost = (search.best.slots.of_each() < 0) & (unmoved <= 0)
+        return (own != NO_MARKER) & ghost[own] & (self.tracklets.held == NO_MARKER)
 
     def _lonely(self, own: np.ndarray, search: Search) -> np.ndarray:
         """(N,) True for names (N,) of markers of whose nearest none is there at the time, mostly.
@@ -277,7 +287,7 @@ class _Solving:
         best, count, found = search.best.marker, self.tracklets.count, np.full(len(self.tracklets), np.inf)
         held = self.tracklets.held
         known = np.isin(best, held[held != NO_MARKER])
-        unmoved = Unmoved(self.objective.known, self.objective.model.markerset.attachment, search.best.moments)
+        unmoved = self._unmoved(search)
         as_learned = unmoved.odds(search.best.moments)
         for number, other in enumerate(search.others):
             changed = np.flatnonzero((best != other.marker) & (best != NO_MARKER) & (best < self.markers))
@@ -293,6 +303,10 @@ class _Solving:
                     questions[pair] = Question(*pair, odds, float(alone[changed].max()))
         rivals = tuple(search.others[number].marker for number in np.unique(nearest[nearest >= 0]).tolist())
         return found, tuple(questions.values()), rivals
+
+    def _unmoved(self, search: Search) -> Unmoved:
+        """What is known of markers that were not put on again since the set was learned."""
+        return Unmoved(self.objective.known, self.objective.model.markerset.attachment, search.best.moments)
 
     def _exchanged(self, best: np.ndarray, other: np.ndarray) -> tuple[int, ...]:
         """The names that are others in other names (N,), where that is the same all the time, and no two are one."""

@@ -219,7 +219,7 @@ def test_what_had_the_name_of_an_extra_that_takes_it_may_be_nothing(model, marke
     assert {int(one[truth == toe][0]) for one in tried} == {NO_MARKER, extra}
 
 
-def test_what_has_the_name_of_one_that_is_seldom_there_changes_it_and_the_name_is_given_again(model, markers):
+def test_what_has_the_name_of_one_that_is_seldom_there_changes_it_and_the_name_is_given_again_or_not(model, markers):
     one, other = (model.markerset.index(name) for name in LEFT_WRIST)
     hidden = markers.copy()
     hidden[FRAMES // 3 : FRAMES // 3 + 5, one] = np.nan
@@ -228,6 +228,10 @@ def test_what_has_the_name_of_one_that_is_seldom_there_changes_it_and_the_name_i
     short = objective.tracklets.count < FRAMES // 2
     given = np.select([truth == other, (truth == one) & short, truth == one], [one, other, len(model.markerset)], truth)
     assert is_tried(truth, Search(objective, given, USUAL_FREEDOM)._shifted())
+    ghost = (truth == one) & short
+    given = np.select([ghost, truth == one], [other, one], np.where(truth == other, NO_MARKER, truth))
+    dropped = np.where(ghost, NO_MARKER, given)
+    assert is_tried(np.where(given == one, other, dropped), Search(objective, given, USUAL_FREEDOM)._shifted())
 
 
 @pytest.mark.parametrize("size", [1.0, 0.8])
@@ -310,6 +314,20 @@ def test_a_ghost_is_no_marker_that_is_not_there(model, markers, frames, heard, t
     assert hidden in solution.marker
     for target in targets:
         assert not told(model, solution, named, target).labels.named[:, -1].any()
+
+
+def test_what_is_carried_along_is_no_marker_that_is_not_worn(model, markers):
+    """It keeps its distances, and so bears out whatever it is called; training has them otherwise."""
+    foot = [model.markerset.index(name) for name in ("LKNE", "LANK", "LHEE", "LTOE")]
+    tool = [[0.1, 0.2, -0.3], [0.15, 0.25, -0.3], [0.1, 0.3, -0.4], [0.2, 0.2, -0.5]]
+    worn, held = markers.copy(), markers[:, [model.markerset.index("SACR")]] + tool
+    worn[:, foot] = np.nan
+    points, whose = pieces(worn, hidden=0)
+    points, whose = np.concatenate([points, held], axis=1), np.r_[whose, foot]
+    named = said(points, whose, True)
+    solution = solved_of(model, points, named)
+    assert np.isin(foot, solution.marker).any()
+    assert not told(model, solution, named).labels.named[:, -4:].any()
 
 
 def test_frames_in_no_order_and_sets_on_rigid_bodies_are_not_solved(model):
