@@ -112,7 +112,6 @@ STAGES: dict[str, dict[str, Callable]] = {
             (len(orders), self.markers)
         )
     },
-    "points: gain of poses": {"points.whole_take.objective.Objective.gain_of_poses": lambda *_: 0.0},
     "points: lonely tracklets": {
         "points.whole_take.solving._Solving._lonely": lambda self, own, search: np.zeros(len(own), bool)
     },

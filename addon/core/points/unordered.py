@@ -32,10 +32,10 @@ class UnorderedOptions:
     frames       that the training's spread counts for; measured: of the cloud 80 are as good on people left out, with 8
                  three clouds with six markers hidden lose 61 of 13,176 names
     size_sd      of the logarithm of the size that is left once the subject's own distances are known; physical: 1 %
-    min_part     measured: of the markers that are enough; twice of it loses 0.4 % of `clouds-bd`, half nothing
-    loose_radii  measured: this far about where they are expected are markers sought that are seldom named, else 85 % of
-                 `clouds-bd` are named and not 99 %; they are there if most are as near to one place of the body; half
-                 loses 7 % of it, twice none
+    min_part     measured: of the markers that are enough; twice of it loses 2 % of `clouds-p2`, half nothing
+    loose_radii  measured: this far about where they are expected are markers sought that are seldom named, else 7 % of
+                 `clouds-p1` and `clouds-p2` are lost; they are there if most are as near to one place of the body; half
+                 and twice of it name 1 % more of `clouds-serve`, and others alike
     hidden_part  of a frame's points that is hidden to try how far labels keep
     """
 

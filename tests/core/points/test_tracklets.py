@@ -150,44 +150,10 @@ def test_ghosts_of_one_frame_each_change_no_vote_and_take_no_time_or_room():
     assert most < 500 * tracklet.size  # a table of frames by tracklets has a byte for each of 80 million cells
 
 
-NAMED = 3
-TARGET = 0.999
-FRAMES = 50
-
-
-def decided_of(model, points: int, sure: np.ndarray | float = 0.0) -> np.ndarray:
-    """Markers by frames of so many trajectories, the first three of which are named; `sure` (F, 3) of it."""
-    marker = np.full((FRAMES, points), NO_MARKER)
-    marker[:, :NAMED] = range(NAMED)
-    rate = np.zeros(marker.shape)
-    rate[:, :NAMED] = sure
-    given = replace(labelled(marker, np.where(marker == NO_MARKER, 0.0, 0.95)), rate=rate)
-    return decide(given, np.broadcast_to(np.arange(points), marker.shape), model, TARGET, 0).labels.marker
-
-
-def test_frames_none_of_which_is_sure_name_a_trajectory_but_not_among_many_more_points_than_markers(model):
-    assert (decided_of(model, 20)[:, :3] == [0, 1, 2]).all()
-    # A point that is no marker may sit like one in every frame of a crowd: its frames are not so many witnesses.
-    assert (decided_of(model, 30) == NO_MARKER).all()
-
-
-def test_in_a_crowd_sure_frames_carry_the_others_of_one_subject_where_they_are_a_quarter(model):
-    sure = np.ones((FRAMES, 3))
-    sure[::3, 0] = 0  # most frames of the first are sure
-    sure[5:, 1] = 0  # few of the second are
-    decided = decided_of(model, 30, sure)
-    assert (decided[:, 0] == 0).all()
-    assert (decided[:5, 1] == 1).all() and (decided[5:, 1] == NO_MARKER).all()
-    assert (decided[:, 2] == 2).all()
-    alone = replace(model, likelihood=replace(model.likelihood, subjects=1))
-    sure = np.zeros((FRAMES, 3))
-    sure[: FRAMES // 2, 0] = 1
-    sure[: FRAMES // 10, 1] = 1
-    decided = decided_of(alone, 20, sure)
-    assert (decided[:, 0] == 0).all()
-    assert (decided[: FRAMES // 10, 1] == 1).all() and (decided[FRAMES // 10 :, 1] == NO_MARKER).all()
-    assert (decided[:, 2] == NO_MARKER).all()
-    assert (decided_of(model, 20, sure)[:, :3] == [0, 1, 2]).all()
+def test_frames_none_of_which_is_sure_name_a_trajectory_together(model):
+    tracklet = np.broadcast_to(np.arange(3), (50, 3))
+    given = replace(labelled(tracklet, 0.95), rate=np.zeros(tracklet.shape))
+    assert (decide(given, tracklet, model, 0.999, 0).labels.marker == tracklet).all()
 
 
 LENGTH = 120

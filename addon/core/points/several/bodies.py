@@ -69,15 +69,14 @@ class OnlyWhere:
 class BodyNaming:
     """A body's way to its names by one model; it can stop where the model has been recognised.
 
-    may (N,) are the tracklets that may be its, and own (N,) those that surely are somebody's, and rather its.
+    may (N,) are the tracklets that may be its.
     """
 
-    def __init__(self, crowd: "Crowd", may: np.ndarray, own: np.ndarray, model: Model, refuse: Refuse):
+    def __init__(self, crowd: "Crowd", may: np.ndarray, model: Model, refuse: Refuse):
         self.model, self._sure = model, refuse is not take_will_say
-        self._crowd, self._own, self._tracklet = crowd, own, crowd.tracklets_of(may)
+        self._tracklet = crowd.tracklets_of(may)
         self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, refuse)
         self._begun: list[Stage] = []
-        self._frames: NamedFrames | None = None
 
     def begin(self):
         """Goes on until single frames have said whether the body is of the model; UnsuitedError where it is not."""
@@ -85,21 +84,10 @@ class BodyNaming:
             step = next(self._work)
             self._begun += [step] if isinstance(step, Stage) and step.name == "name" else []
 
-    def is_half(self) -> Steps[bool]:
-        """Whether single frames that are sure of it name half of it only: solving what is no body takes long."""
-        frames = yield from self._named_frames()
-        return self._sure and frames.solvable and not is_whole(frames.labels.whole().named, len(self.model.markerset))
-
-    def _named_frames(self) -> Steps[NamedFrames]:
-        """What its frames say, once it has begun."""
-        if self._frames is None:
-            yield from self._begun
-            self._frames = yield from self._work
-        return self._frames
-
     def named(self) -> Steps[NamedBody]:
         """The rest of it."""
-        frames = yield from self._named_frames()
+        yield from self._begun
+        frames = yield from self._work
         yield Stage("vote", "solve the take of each")
         solution = yield from solution_for(frames, frames.labels, self._tracklet)
         return NamedBody(self.model, frames, solution, self._sure)
@@ -180,12 +168,11 @@ class Crowd:
         frames say whether it is of the model. Raises SubjectsError where two are on it.
         """
         found: dict[tuple[str, ...], BodyNaming] = {}
-        own = body & self.firm
-        there = np.append(own, False)[self.tracklet]
+        there = np.append(body & self.firm, False)[self.tracklet]
         for model in models:
             if model.markerset.markers in found or not is_whole(there, len(model.markerset)):
                 continue
-            naming = BodyNaming(self, may, own, model, refuse)
+            naming = BodyNaming(self, may, model, refuse)
             try:
                 naming.begin()
             except SubjectsError:

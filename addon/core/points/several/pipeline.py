@@ -247,8 +247,6 @@ class _Parties:
             first, found = 0.05 + 0.8 * place / count, []
             for naming in chosen[body]:
                 spans = _spans(first, first + 0.8 / count)
-                if wanted == AUTO and (yield from within(naming.is_half(), first, first, spans=spans)):
-                    continue
                 found.append((yield from within(naming.named(), first, first, spans=spans)))
             whole = [one for one in found if one.is_whole]
             # What has another's tracklets does not fit yet. Of several sets it must, as nothing else says which it is.
@@ -266,8 +264,7 @@ class _Parties:
         people = []
         for subject, (body, own) in zip(subjects, chosen, strict=True):
             if not is_same(own.model, subject.model):
-                firm = (bodies.body == body) & self.crowd.firm
-                again = BodyNaming(self.crowd, bodies.may[:, body], firm, subject.model, recognised_before)
+                again = BodyNaming(self.crowd, bodies.may[:, body], subject.model, recognised_before)
                 own = yield from within(again.named(), 0.85, 0.85, spans=_spans(0.85, 0.88))
             people.append(own)
         # Whoever nobody asked for has no name in the end, but certainty what is theirs.

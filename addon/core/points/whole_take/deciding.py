@@ -16,7 +16,6 @@ from ...data.made import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
 from ..likelihood.model import chance
 from ..models import Model
-from ..refusals import REFUSAL
 from ..tracklets import VOTE, are_lasting, gone_over, gone_over_between, vote
 from .layout import Question
 from .objective import OBJECTIVE
@@ -99,15 +98,9 @@ def decide(
     """
     votes = Votes.of(named, tracklet, model.markerset.markers, first_frame)
     decided = Labels.none(*tracklet.shape)
-    needed = _needed(model, tracklet)
-    count = int(tracklet.max(initial=-1)) + 1
-    backed = np.ones(count + 1, bool)
-    if needed > 0:
-        backed = np.append(_part_sure(votes.marker, named, tracklet, target, count) >= needed, False)
     for part, sure in votes.how_sure():
         own, marker = named[part], votes.marker[part].copy()
-        enough = (sure >= target) & backed[tracklet[part]]
-        alone = marker == own.marker
+        enough, alone = sure >= target, marker == own.marker
         np.maximum(sure, own.confidence, out=sure, where=alone)
         step = np.where(alone, own.step, BY_TRAJECTORY)
         marker[~(enough | (alone & (own.sure(target) != NO_MARKER)))] = NO_MARKER
@@ -116,29 +109,6 @@ def decide(
         step[nothing], sure[nothing] = NO_STEP, 0.0
         decided.marker[part], decided.step[part], decided.confidence[part] = marker, step, sure
     return Verdict(decided, votes.suspects)
-
-
-def _needed(model: Model, tracklet: np.ndarray) -> float:
-    """The part of a tracklet's frames that must be sure of its name for its vote to count.
-
-    A vote takes frames for so many witnesses. They are not where they err together: among many more points than
-    markers one that is no marker sits like one through the whole take, and a model of one subject knows nothing of how
-    the next one differs.
-    """
-    crowd = (tracklet >= 0).sum() >= REFUSAL.crowd * len(model.markerset) * len(tracklet)
-    few = model.of_one_subject and model.rigid_bodies is None
-    return REFUSAL.min_half if crowd or few else 0.0
-
-
-def _part_sure(marker: np.ndarray, named: FrameLabels, tracklet: np.ndarray, target: float, count: int) -> np.ndarray:
-    """(N,) the part of each of `count` tracklets' frames that are sure of the marker (T, L) that it was voted."""
-    frames, sure = np.zeros((2, count))
-    for part in blocks(*tracklet.shape):
-        own, there, labels = tracklet[part], tracklet[part] >= 0, named[part]
-        frames += np.bincount(own[there], minlength=count)
-        there &= (marker[part] == labels.sure(target)) & (marker[part] != NO_MARKER)
-        sure += np.bincount(own[there], minlength=count)
-    return sure / np.maximum(frames, 1)
 
 
 def once(marker: np.ndarray, sure: np.ndarray, markers: int, lanes: Lanes | None = None, start: int = 0) -> np.ndarray:

@@ -30,7 +30,7 @@ from ...data.takes import NO_MARKER, NO_POINT, evenly_spread
 from ...geometry.rigid import in_axes, laid_on
 from ...geometry.upright import upright_aligned
 from ..likelihood.model import Likelihood
-from ..likelihood.naming import Settled, score_of, settle
+from ..likelihood.naming import Settled, settle
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout_odds import LayoutOdds
@@ -270,29 +270,6 @@ class Objective:
         one, other = (naming.placed[self._shown, :, 0] for naming in (new, old))
         moved = ((one != other) & (np.isfinite(one) | np.isfinite(other))).sum(axis=1)
         return gain + OBJECTIVE.shape * float(clipped(new.settled.score - old.settled.score, moved))
-
-    def gain_of_poses(self, new: Candidate, old: Candidate, order: np.ndarray) -> float:
-        """By how much more it is, as poses differ, where what was a marker is what `order` (M + E,) calls it.
-
-        What names lose in a single frame is as unsure as the shape is: this subject's markers may sit elsewhere, and
-        the pose may be odd. As far as it differs from pose to pose that averages out.
-        """
-        now, known = old.settled, self.model.learned_likelihood.known
-        if now is None or new.settled is None or ((order != np.arange(len(order))) & (order >= self.markers)).any():
-            return 0.0
-        there = np.flatnonzero(now.named.any(axis=0))
-        turned = np.full_like(now.naming, NO_POINT)
-        turned[:, order[there]] = now.naming[:, there]
-        moved = (turned != now.naming).sum(axis=1)
-        some, most = moved > 0, OBJECTIVE.max_marker * moved
-        looks = some.sum() / PAIRING.independent
-        if looks <= 1:
-            return 0.0
-        each = np.clip(new.settled.score - now.score, -most, most)[some]
-        given = known.fine, known.constraints, now.expected, now.worth
-        unsure = 2 * float((score_of(*given, now.naming) - score_of(*given, turned))[some].mean())
-        left = max(unsure - float(each.var()), 0.0) + float(each.var()) / looks
-        return OBJECTIVE.shape * float(each.mean()) * max(unsure / max(left, 1e-9) - 1, 0.0)
 
 
 def lasting(tracklets: Tracklets, rate: float) -> np.ndarray:

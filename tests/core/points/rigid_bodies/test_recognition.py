@@ -274,9 +274,8 @@ def test_somebody_else_among_several_is_named_by_motion_too(model, other):
     points, seen = other
     tracklet = cut(points, RATE)
     every = np.ones(tracklet.max() + 1, bool)
-    naming = BodyNaming(Crowd(taken(points), tracklet, LIKELY), every, every, model, frames_are_sure)
+    naming = BodyNaming(Crowd(taken(points), tracklet, LIKELY), every, model, frames_are_sure)
     naming.begin()
-    assert not finished(naming.is_half())
     assert (finished(naming.named()).frames.labels.marker == seen.labels.marker).all()
 
 

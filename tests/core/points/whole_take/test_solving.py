@@ -11,7 +11,6 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points, Verdict
 from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
-from addon.core.geometry.upright import turned
 from addon.core.points.likelihood.sides import NO_SIDES
 from addon.core.points.models import TrainingTake
 from addon.core.points.tracklets import cut
@@ -114,19 +113,6 @@ def objective_of(model, points: np.ndarray, whose: np.ndarray) -> tuple[Objectiv
     objective = Objective(points, tracklets, nothing, model, RATE)
     objective.look_at(truth)
     return objective, truth
-
-
-def test_an_exchange_is_surer_by_many_poses_than_by_one(model, markers):
-    order, more = exchanged(model, *LEFT_WRIST), []
-    wrist = np.flatnonzero(order != np.arange(len(order)))
-    still = np.repeat(markers[:1], FRAMES, axis=0)
-    turning, middle = still.copy(), still[:, wrist].mean(axis=1, keepdims=True)
-    turning[:, wrist] = turned(still[:, wrist] - middle, 1.5 * np.sin(np.arange(FRAMES) / 7)) + middle
-    for take in (still, turning):
-        objective, truth = objective_of(model, take, np.arange(len(order)))
-        more.append(objective.gain_of_poses(objective.of(order[truth]), objective.of(truth), order))
-    assert more[0] == pytest.approx(0, abs=1e-6)
-    assert more[1] < -0.1
 
 
 def test_an_exchange_for_a_while_is_undone(model, markers):
