@@ -95,6 +95,12 @@ def trained_pairs(model: Model) -> PairDistances:
     return PairDistances(*(np.where(keeps, one, other) for one, other in shown))
 
 
+def stood(model: Model) -> bool:
+    """Whether all who taught a set stood still: how their distances vary the take alone shows then."""
+    own = [moments(points) for points in model.subjects.values()]
+    return bool(own) and all(map(is_still, own))
+
+
 def _of_subjects(own: Sequence["Moments"]) -> PairDistances:
     """What subjects show, of whatever size each is."""
     means, within, counts = (np.stack([getattr(one, name) for one in own]) for name in ("mean", "variance", "count"))

@@ -21,7 +21,7 @@ from .layout_odds import Unmoved
 from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, lasting, usual_fit
-from .pairs import in_take
+from .pairs import in_take, stood
 from .rulings import RULING, Rulings
 from .search import Moves, Search
 from .tracklets import FrameLabels, Tracklets, tracklets_of
@@ -254,9 +254,12 @@ class _Solving:
     def _unlikely(self, own: np.ndarray, search: Search) -> np.ndarray:
         """(N,) True for names (N,) of what is likelier a ghost by where training alone knows the markers to sit.
 
-        What is always there keeps its distances, and thus bears out whatever it is called. What somebody holds may be
-        anywhere, and if its markers were not put on again they are as far from each other as they were.
+        Of a set whose people stood only: the take alone shows how distances vary, so what is always there bears out
+        whatever it is called. What somebody holds may be anywhere, and if its markers were not put on again they are as
+        far from each other as they were.
         """
+        if not stood(self.objective.model):
+            return np.zeros(len(own), bool)
         unmoved, _ = self._unmoved(search).of_each(search.best.moments)
         ghost = (search.best.slots.of_each() < 0) & (unmoved <= 0)
         return (own != NO_MARKER) & ghost[own] & (self.tracklets.held == NO_MARKER)

@@ -12,6 +12,7 @@ from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_ST
 from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
 from addon.core.points.likelihood.sides import NO_SIDES
+from addon.core.points.models import TrainingTake
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
@@ -317,15 +318,15 @@ def test_a_ghost_is_no_marker_that_is_not_there(model, markers, frames, heard, t
 
 
 def test_what_is_carried_along_is_no_marker_that_is_not_worn(model, markers):
-    """It keeps its distances, and so bears out whatever it is called; training has them otherwise."""
+    """It keeps its distances, and so bears out whatever it is called; who stood for the set has them otherwise."""
     foot = [model.markerset.index(name) for name in ("LKNE", "LANK", "LHEE", "LTOE")]
     tool = [[0.1, 0.2, -0.3], [0.15, 0.25, -0.3], [0.1, 0.3, -0.4], [0.2, 0.2, -0.5]]
     worn, held = markers.copy(), markers[:, [model.markerset.index("SACR")]] + tool
     worn[:, foot] = np.nan
     points, whose = pieces(worn, hidden=0)
     points, whose = np.concatenate([points, held], axis=1), np.r_[whose, foot]
-    named = said(points, whose, True)
-    solution = solved_of(model, points, named)
+    named, stood = said(points, whose, True), TrainingTake("who", ("stands",), 1, markers[:1])
+    solution = solved_of(replace(model, training_takes=(stood,)), points, named)
     assert np.isin(foot, solution.marker).any()
     assert not told(model, solution, named).labels.named[:, -4:].any()
 
