@@ -115,6 +115,9 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: lonely tracklets": {
         "points.whole_take.solving._Solving._lonely": lambda self, own, search: np.zeros(len(own), bool)
     },
+    "points: names by themselves": {
+        "points.whole_take.deciding._by_itself": lambda solution, given, part: np.zeros(given.shape, bool)
+    },
     "points: likelier a ghost": {
         "points.whole_take.solving._Solving._unlikely": lambda self, own, search: np.zeros(len(own), bool)
     },

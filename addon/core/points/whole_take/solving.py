@@ -23,7 +23,7 @@ from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, lasting, usual_fit
 from .pairs import in_take, stood
 from .rulings import RULING, Rulings
-from .search import Moves, Search
+from .search import SEARCH, Moves, Search
 from .tracklets import FrameLabels, Tracklets, tracklets_of
 
 
@@ -72,6 +72,7 @@ class Solution:
     questions  markers that may have another's name in most of the take
     crowd      whether more is on the subject than the set's markers
     fit        how the markers sit as their set has them; the residual in a crowd alone
+    near       (M, K) the nearest of each marker, one of which has to be there with it; None where that is not asked
     """
 
     tracklets: Tracklets
@@ -84,6 +85,7 @@ class Solution:
     questions: tuple[Question, ...]
     crowd: bool = False
     fit: SetFit = NO_FIT
+    near: np.ndarray | None = None
 
 
 def solve_take(
@@ -225,7 +227,9 @@ class _Solving:
         own = np.where(marker < self.markers, marker, NO_MARKER)
         margin = margins(odds, marker, self.tracklets.first, self.tracklets.last)
         rivals: tuple[np.ndarray, ...] = ()
+        near = None
         if search is not None:
+            near = search.near[:, 1 : SEARCH.sizes[-1]]
             alone = np.minimum(margin, self._of_seldom(own))
             alone[self._unlikely(own, search) | self._lonely(own, search)] = 0.0
             of_others, questions, rivals = self._of_others(search, alone)
@@ -236,7 +240,7 @@ class _Solving:
         slots = objective.layout(marker, objective.moments(placed), placed)
         fit = replace(fit, residual=fit.residual if self.crowd else 0.0, layout=slots.mean())
         return Solution(
-            self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, self.crowd, fit
+            self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, self.crowd, fit, near
         )
 
     def _of_seldom(self, own: np.ndarray) -> np.ndarray:

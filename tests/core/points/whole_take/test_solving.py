@@ -93,6 +93,21 @@ def test_names_that_nothing_has_or_that_no_answer_makes_sure_are_not_asked_about
         assert (words in [one.words for one in told(model, worn, named).suspects]) == asks
 
 
+def test_who_has_left_leaves_no_marker_behind_on_the_same_trajectory(model, markers):
+    """A trajectory that went over to somebody else while its subject was gone keeps no name there."""
+    toe, gone = model.markerset.index("RTOE"), slice(FRAMES // 2, FRAMES // 2 + 40)
+    points, whose = markers.copy(), np.arange(markers.shape[1])
+    points[gone, whose != toe] = np.nan
+    named = said(points, whose, np.ones(points.shape[:2], bool))
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
+    given = labels_of(solution, named, 0.999, model.markerset.markers).labels.marker[:, toe]
+    there = np.ones(FRAMES, bool)
+    there[gone] = False
+    assert (given[there] == toe).all() and (given[gone] == NO_MARKER).all()
+    said_so = replace(solution, tracklets=replace(solution.tracklets, held=solution.marker))
+    assert (labels_of(said_so, named, 0.999, model.markerset.markers).labels.marker[:, toe] == toe).all()
+
+
 def exchanged(model, one: str, other: str) -> np.ndarray:
     """(M,) the markers, of which two have each other's names."""
     order, pair = np.arange(len(model.markerset)), [model.markerset.index(name) for name in (one, other)]
