@@ -113,6 +113,7 @@ def edited_bones(context: bpy.types.Context, armature: bpy.types.Object) -> Iter
     finally:
         if armature.mode == "EDIT":
             bpy.ops.object.mode_set(mode="OBJECT")
+        layer.update()  # else its pose points at the bones before, and a redo later ends Blender (5.2)
         layer.objects.active = before
         if lent:
             place.unlink(armature)
