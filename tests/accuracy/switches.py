@@ -119,7 +119,7 @@ STAGES: dict[str, dict[str, Callable]] = {
         "points.whole_take.deciding._by_itself": lambda solution, given, part: np.zeros(given.shape, bool)
     },
     "points: likelier a ghost": {
-        "points.whole_take.solving._Solving._unlikely": lambda self, own, search: np.zeros(len(own), bool)
+        "points.whole_take.solving._Solving._unlikely": lambda self, own, *_: np.zeros(len(own), bool)
     },
     "points: layout of a crowd": {"points.whole_take.solving.named_by_layout": _no_layout},
     "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},

@@ -95,6 +95,7 @@ def trained_pairs(model: Model) -> PairDistances:
     return PairDistances(*(np.where(keeps, one, other) for one, other in shown))
 
 
+@lru_cache(maxsize=1)  # asked of each take, and of each window of a stream
 def stood(model: Model) -> bool:
     """Whether all who taught a set stood still: how their distances vary the take alone shows then."""
     own = [moments(points) for points in model.subjects.values()]

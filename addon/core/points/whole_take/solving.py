@@ -17,7 +17,7 @@ from ...data.takes import NO_MARKER
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
-from .layout_odds import Unmoved
+from .layout_odds import LayoutOdds, Unmoved
 from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, lasting, usual_fit
@@ -223,7 +223,9 @@ class _Solving:
         """What is said of names (N,), by the widest freedom, and by what a search has tried."""
         objective = self.objective
         placed = objective.placed(marker)
-        odds = objective.odds(marker, placed, objective.moments(placed), ROUNDS.freedoms[-1])
+        shown = objective.moments(placed)
+        odds = objective.odds(marker, placed, shown, ROUNDS.freedoms[-1])
+        slots = objective.layout(marker, shown, placed)
         own = np.where(marker < self.markers, marker, NO_MARKER)
         margin = margins(odds, marker, self.tracklets.first, self.tracklets.last)
         rivals: tuple[np.ndarray, ...] = ()
@@ -231,13 +233,13 @@ class _Solving:
         if search is not None:
             near = search.near[:, 1 : SEARCH.sizes[-1]]
             alone = np.minimum(margin, self._of_seldom(own))
-            alone[self._unlikely(own, search) | self._lonely(own, search)] = 0.0
-            of_others, questions, rivals = self._of_others(search, alone)
+            unmoved = Unmoved(objective.known, objective.model.markerset.attachment, shown)
+            alone[self._unlikely(own, slots, unmoved.of_each(shown)[0]) | self._lonely(own, search)] = 0.0
+            of_others, questions, rivals = self._of_others(search, alone, unmoved)
             margin = np.minimum(alone, of_others)
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         fit = usual_fit(objective.model.learned_likelihood, placed[:, : self.markers])
-        slots = objective.layout(marker, objective.moments(placed), placed)
         fit = replace(fit, residual=fit.residual if self.crowd else 0.0, layout=slots.mean())
         return Solution(
             self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, self.crowd, fit, near
@@ -255,17 +257,16 @@ class _Solving:
         less = MARGINS.there - np.log(there / (1 - there))
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own] - less, np.inf)
 
-    def _unlikely(self, own: np.ndarray, search: Search) -> np.ndarray:
+    def _unlikely(self, own: np.ndarray, slots: LayoutOdds, unmoved: np.ndarray) -> np.ndarray:
         """(N,) True for names (N,) of what is likelier a ghost by where training alone knows the markers to sit.
 
         Of a set whose people stood only: the take alone shows how distances vary, so what is always there bears out
         whatever it is called. What somebody holds may be anywhere, and if its markers were not put on again they are as
-        far from each other as they were.
+        far from each other as they were, for which the log odds are `unmoved` (M,).
         """
         if not stood(self.objective.model):
             return np.zeros(len(own), bool)
-        unmoved, _ = self._unmoved(search).of_each(search.best.moments)
-        ghost = (search.best.slots.of_each() < 0) & (unmoved <= 0)
+        ghost = (slots.of_each() < 0) & (unmoved <= 0)
         return (own != NO_MARKER) & ghost[own] & (self.tracklets.held == NO_MARKER)
 
     def _lonely(self, own: np.ndarray, search: Search) -> np.ndarray:
@@ -282,7 +283,7 @@ class _Solving:
         return (own != NO_MARKER) & lonely & (tracklets.held == NO_MARKER)
 
     def _of_others(
-        self, search: Search, alone: np.ndarray
+        self, search: Search, alone: np.ndarray, unmoved: Unmoved
     ) -> tuple[np.ndarray, tuple[Question, ...], tuple[np.ndarray, ...]]:
         """(N,) what it would lose to go over to another naming that the search tried, of what it changes.
 
@@ -294,7 +295,6 @@ class _Solving:
         best, count, found = search.best.marker, self.tracklets.count, np.full(len(self.tracklets), np.inf)
         held = self.tracklets.held
         known = np.isin(best, held[held != NO_MARKER])
-        unmoved = self._unmoved(search)
         as_learned = unmoved.odds(search.best.moments)
         for number, other in enumerate(search.others):
             changed = np.flatnonzero((best != other.marker) & (best != NO_MARKER) & (best < self.markers))
@@ -310,10 +310,6 @@ class _Solving:
                     questions[pair] = Question(*pair, odds, float(alone[changed].max()))
         rivals = tuple(search.others[number].marker for number in np.unique(nearest[nearest >= 0]).tolist())
         return found, tuple(questions.values()), rivals
-
-    def _unmoved(self, search: Search) -> Unmoved:
-        """What is known of markers that were not put on again since the set was learned."""
-        return Unmoved(self.objective.known, self.objective.model.markerset.attachment, search.best.moments)
 
     def _exchanged(self, best: np.ndarray, other: np.ndarray) -> tuple[int, ...]:
         """The names that are others in other names (N,), where that is the same all the time, and no two are one."""
