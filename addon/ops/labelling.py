@@ -179,7 +179,7 @@ class LabelsTake(LongWork):
         settings = context.scene.mocap_autolabel
         take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings.subjects))
         again = is_take(settings.take) and is_opened(settings)
-        settings.take = show_again(context, take, whole=not settings.labelling.use_range)
+        settings.take = show_again(context, take, whole=job.frames is None)
         if not again:  # what was opened meanwhile is seen
             context.window_manager.mocap_autolabel.unfolded = not is_opened(settings)
         follow_soon()  # frames around those that were labelled may have been corrected a moment before
@@ -222,14 +222,14 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     def asked(self, context) -> partial:
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
-        subjects, before = settings.subjects, settings.subjects.performing
+        subjects, before, self._worn = settings.subjects, settings.subjects.performing, self.markerset
         subjects.performing = "AUTO" if self.everybody else before
         settings.source.forced |= self.force
         if self.everybody and subjects.markerset == AUTO_MODEL and state.about == opened_file(settings.source):
             subjects.found = found_here(subjects) or state.crowded  # that it was found may have been undone
         state.refused = state.unsure = ""
         try:
-            self._job, self._name = job_of(context, worn=self.markerset), take_name(settings.source)
+            self._job, self._name = job_of(context, worn=self._worn), take_name(settings.source)
             self._clock = clock_of(settings.source)
         except InputError:
             subjects.performing = before  # so the button for all of them stays
@@ -238,8 +238,8 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
 
     def _show(self, context, found):
         LabelsTake._show(self, context, found)
-        if self.markerset:
-            choose_model(context.scene.mocap_autolabel.subjects, self.markerset)
+        if self._worn:
+            choose_model(context.scene.mocap_autolabel.subjects, self._worn)
 
     def _said(self, context, error: UserError) -> UserError:
         """The sidebar knows why a take is refused."""
