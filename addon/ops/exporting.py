@@ -371,14 +371,10 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
     write = write_report
     open_after: BoolProperty(name="Open It", description="Show the page in the browser once it is saved", default=True)
 
-    def asked(self, context) -> partial:
-        self._opens = self.open_after and not bpy.app.background
-        return super().asked(context)
-
     def _show(self, context, found):
         super()._show(context, found)
-        if self._opens:
-            bpy.ops.wm.path_open(filepath=str(found[0][0]))
+        if self.open_after and not bpy.app.background:
+            bpy.ops.wm.path_open(filepath=self.filepath)
 
 
 # BVH has no unit: of each that is offered, how many are a metre.

@@ -92,7 +92,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         named = tuple(stored.words[name] for name in self.markers.splitlines() if name in stored.words)
         markers = named or wanted_markers(context, stored, self.extent)
         options = FillOptions(settings.filling.method, longest, markers, frame)
-        self._of, self._previews = settings.take.name, self.propose
+        self._of = settings.take.name
         subjects = [subject_of(context, stored, one, options.method) for one in stored.performers]
         return partial(fill_subjects, stored.unfilled.markers, stored.rate, options, subjects, _rays(stored))
 
@@ -104,7 +104,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         if not filled.gaps and not filled.left:
             raise InputError("there is no gap to fill; expected a marker that is missing, and seen elsewhere")
         new = kept_fills_of(filled, stored.names, stored.motion.frames)
-        if new and self._previews:
+        if new and self.propose:
             opened.propose(settings.take, new)
             _show_proposed(context)
         elif new:
@@ -115,7 +115,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         rows = [(gap["marker"], shown(gap["first"]), shown(gap["last"]), gap["reason"]) for gap in left]
         list_rows(context.window_manager.mocap_autolabel, "left_gaps", "name first last reason", rows)
         words = outcome_of(filled, new)
-        self.report({"INFO"} if new else {"WARNING"}, words.replace("filled", "previewed") if self._previews else words)
+        self.report({"INFO"} if new else {"WARNING"}, words.replace("filled", "previewed") if self.propose else words)
         return {"FINISHED"} if new else {"CANCELLED"}
 
 

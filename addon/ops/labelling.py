@@ -222,14 +222,14 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     def asked(self, context) -> partial:
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
-        subjects, before, self._worn = settings.subjects, settings.subjects.performing, self.markerset
+        subjects, before = settings.subjects, settings.subjects.performing
         subjects.performing = "AUTO" if self.everybody else before
         settings.source.forced |= self.force
         if self.everybody and subjects.markerset == AUTO_MODEL and state.about == opened_file(settings.source):
             subjects.found = found_here(subjects) or state.crowded  # that it was found may have been undone
         state.refused = state.unsure = ""
         try:
-            self._job, self._name = job_of(context, worn=self._worn), take_name(settings.source)
+            self._job, self._name = job_of(context, worn=self.markerset), take_name(settings.source)
             self._clock = clock_of(settings.source)
         except InputError:
             subjects.performing = before  # so the button for all of them stays
@@ -238,8 +238,8 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
 
     def _show(self, context, found):
         LabelsTake._show(self, context, found)
-        if self._worn:
-            choose_model(context.scene.mocap_autolabel.subjects, self._worn)
+        if self.markerset:
+            choose_model(context.scene.mocap_autolabel.subjects, self.markerset)
 
     def _said(self, context, error: UserError) -> UserError:
         """The sidebar knows why a take is refused."""

@@ -8,7 +8,7 @@ another file is opened: one of the same kind takes the work up then, and what co
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -49,8 +49,8 @@ class LongWork(Ours):
 
     In the window it is done by a process of its own; without one it is done at once. Both `asked` and `_show`, which
     alone touches Blender, raise UserError where something is missing, so cancelling leaves nothing behind and undo is
-    one step. `_said` makes a sentence of the work one for the window. Both keep to what `asked` noted: they may be
-    another operator's, of which nobody chose anything.
+    one step. `_said` makes a sentence of the work one for the window. Both may be another operator's than `asked` was,
+    with what that noted and was told.
     """
 
     doing = "Working"
@@ -85,7 +85,9 @@ class LongWork(Ours):
 
     def execute(self, context):
         if _taken_up:
-            vars(self).update(_taken_up.pop())
+            for name, value in _taken_up.pop().items():
+                with suppress(TypeError):  # of choices that another file does not have
+                    setattr(self, name, value)
             return self._watch(context)
         beside = self._asked_for_it and not bpy.app.background
         return self._begin(context) if beside else super().execute(context)
@@ -149,7 +151,7 @@ class LongWork(Ours):
         if self.of_scene and not self.waits and not seen:
             return {"CANCELLED"}
         if self.of_scene and asked is None and self._file not in ("", bpy.data.filepath):
-            _left.append((type(self), vars(self).copy()))
+            self._leave()
             self.report({"INFO"}, f"{self.doing} is done, to be shown once {bpy.path.basename(self._file)} is open")
             return {"CANCELLED"}
         if self.of_scene and asked is None:
@@ -169,8 +171,12 @@ class LongWork(Ours):
         self._end(context)
         if scene := scene_of(vars(self)):
             self._file, self._scene_name = bpy.data.filepath, scene.name
-        _left.append((type(self), vars(self).copy()))
+        self._leave()
         take_up_soon()
+
+    def _leave(self):
+        told = {name: one for name, one in self.as_keywords().items() if isinstance(one, int | float | str)}
+        _left.append((type(self), vars(self) | told))
 
     def _tell(self, context, fraction: float, words: str = ""):
         now = perf_counter()

@@ -86,7 +86,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, LongWork, bpy.types.Operator):
         return super().invoke(context, event) if self.directory else self.ask_for_file(context)
 
     def asked(self, context) -> partial:
-        scene, settings, self._at_1 = context.scene, context.scene.mocap_autolabel, self.at_1
+        scene, settings = context.scene, context.scene.mocap_autolabel
         cameras = scene_cameras.cameras_of(settings.source.cameras, scene)
         pictures = pictures_by_camera([(None, path) for path in self._chosen(cameras.names)], cameras.names)
         job = PicturesJob(
@@ -114,7 +114,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, LongWork, bpy.types.Operator):
         return there
 
     def _show(self, context, made: dict):
-        _use(context, Path(made["out"]), made["rate"], self._at_1)
+        _use(context, Path(made["out"]), made["rate"], self.at_1)
         for words in made["notes"]:
             self.report({"WARNING"}, words)
         self.report(

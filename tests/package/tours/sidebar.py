@@ -65,7 +65,7 @@ def walk(seen: dict) -> Iterator[float]:
     file = str(OUT / "tour.blend")
     bpy.ops.mocap_autolabel.clear()
     with window.held():
-        label()
+        label(markerset="body26")
         bpy.ops.wm.save_as_mainfile(filepath=file)
         bpy.ops.wm.read_homefile()
         yield from window.until(running)
@@ -78,6 +78,7 @@ def walk(seen: dict) -> Iterator[float]:
     yield from window.until(lambda: settings().take is not None)
     named = now()[0].labels.named.mean()
     seen["open again"] = {"file": bpy.data.filepath == file, "named": named, "doing": state().doing}
+    seen["chosen"] = settings().subjects.markerset
     bpy.ops.ed.undo()
     seen["undone"] = settings().take is not None
 
@@ -93,10 +94,10 @@ def walk(seen: dict) -> Iterator[float]:
     yield from window.screenshot("8-given-up")
 
 
-def label():
+def label(**given):
     """Label goes on beside the window."""
     with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
-        bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+        bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT", **given)
 
 
 def look(name: str, seen: dict) -> Iterator[float]:
