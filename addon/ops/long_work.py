@@ -168,7 +168,7 @@ class LongWork(Ours):
 
     def cancel(self, context):
         """Another file is opened, or the window is closed: whoever is there then takes the work up."""
-        self._end(context)
+        self._give_back(context)
         if scene := scene_of(vars(self)):
             self._file, self._scene_name = bpy.data.filepath, scene.name
         self._leave()
@@ -193,17 +193,25 @@ class LongWork(Ours):
 
     def _end(self, context):
         """Gives back the timer, the progress and the status bar; once."""
-        if self._timer is None:
-            return
+        if self._timer is not None:
+            self._give_back(context)
+            clear_status()
+
+    def _give_back(self, context):
+        """The same but for the status bar, at which Blender ends where it is that of a window that is being closed."""
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
-        for workspace in bpy.data.workspaces:  # each that somebody went through meanwhile keeps what it was told
-            with bpy.context.temp_override(workspace=workspace):
-                workspace.status_text_set(None)
         context.window_manager.mocap_autolabel.doing = ""
         redraw("VIEW_3D", "UI")
         self._timer = None
         _going_on.clear()
+
+
+def clear_status():
+    """Lets the status bars be Blender's; each workspace that somebody went through keeps what it was told."""
+    for workspace in bpy.data.workspaces:
+        with bpy.context.temp_override(workspace=workspace):
+            workspace.status_text_set(None)
 
 
 def scene_of(noted: dict[str, Any]) -> bpy.types.Scene | None:
@@ -221,21 +229,23 @@ def take_up_soon():
 
 def take_up() -> float | None:
     """Has an operator go on with work that lost its own, and show what is done for the file that is open; a timer."""
-    for kind, noted in tuple(_left):
-        if kind.of_scene and not noted["_file"] and scene_of(noted) is None:
-            _left.remove((kind, noted))
-            end_process()
-            _pop_up(f"{kind.doing} was given up, as its file was never saved and another was opened")
-    here = [one for one in _left if one[1]["_found"] is None or one[1]["_file"] == bpy.data.filepath]
-    if not here:
-        return None
     manager = bpy.context.window_manager
-    if not manager.mocap_autolabel.doing:
+    if manager.mocap_autolabel.doing:
+        return LOOK_EVERY
+    with bpy.context.temp_override(window=manager.windows[0]):  # a status bar of no window ends Blender
+        clear_status()
+        for kind, noted in tuple(_left):
+            if kind.of_scene and not noted["_file"] and scene_of(noted) is None:
+                _left.remove((kind, noted))
+                end_process()
+                _pop_up(f"{kind.doing} was given up, as its file was never saved and another was opened")
+        here = [one for one in _left if one[1]["_found"] is None or one[1]["_file"] == bpy.data.filepath]
+        if not here:
+            return None
         kind, noted = max(here, key=lambda one: one[1]["_found"] is not None)  # which takes no time
         _left.remove((kind, noted))
         _taken_up.append(noted)
-        with bpy.context.temp_override(window=manager.windows[0]):
-            getattr(bpy.ops.mocap_autolabel, kind.bl_idname.partition(".")[2])("EXEC_DEFAULT")
+        getattr(bpy.ops.mocap_autolabel, kind.bl_idname.partition(".")[2])("EXEC_DEFAULT")
     return LOOK_EVERY
 
 
@@ -246,8 +256,7 @@ def done_elsewhere() -> Iterator[tuple[str, str]]:
 
 def _pop_up(words: str):
     manager = bpy.context.window_manager
-    with bpy.context.temp_override(window=manager.windows[0]):
-        manager.popup_menu(lambda menu, _: menu.layout.label(text=words), title="Mocap Autolabel", icon="INFO")
+    manager.popup_menu(lambda menu, _: menu.layout.label(text=words), title="Mocap Autolabel", icon="INFO")
 
 
 def hand_over(work: partial) -> "Worker":

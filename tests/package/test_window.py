@@ -39,6 +39,7 @@ def test_a_take_is_named_after_three_clicks_esc_leaves_nothing_and_each_stage_fi
     # Opened meanwhile, another file is no end of it; only a file that was never saved cannot be opened again.
     assert not tour["elsewhere"] and not tour["undone"] and tour["chosen"] == "body26"
     assert tour["open again"]["file"] and tour["open again"]["named"] > 0.8 and not tour["open again"]["doing"]
+    assert tour["window closed"]
     assert tour["never saved"] == {"running": False, "doing": "", "take": False}
     # Each stage is at most a window of 1600 x 1000 px high, so a screen of 1080 px has room to spare.
     assert len(tour["heights"]) == 6

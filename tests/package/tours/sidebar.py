@@ -82,6 +82,16 @@ def walk(seen: dict) -> Iterator[float]:
     bpy.ops.ed.undo()
     seen["undone"] = settings().take is not None
 
+    bpy.ops.wm.window_new()
+    yield 1
+    with window.held():
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+            bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+            bpy.ops.wm.window_close()
+        yield from window.until(running)
+    yield from window.until(lambda: not running())
+    seen["window closed"] = settings().take is not None
+
     bpy.ops.wm.read_homefile()
     yield 1
     bpy.ops.mocap_autolabel.import_take(filepath=TASK["points"])
