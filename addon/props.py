@@ -492,8 +492,6 @@ class TroubleRow(bpy.types.PropertyGroup):
     first: FloatProperty()
     last: FloatProperty()
     reason: StringProperty()
-    advice: StringProperty()
-    action: StringProperty()
     stake: FloatProperty()
     answered: BoolProperty()
 
@@ -839,7 +837,7 @@ def list_trouble():
     clock = opened.take(collection, scene).clock
     found = trouble_of(collection, scene)
     when = [(counted_on(one.reason, clock.whole), clock.shown(one.first), clock.shown(one.last)) for one in found]
-    what = [(one.about, one.kind, one.advice, one.action, one.stake, one.answered) for one in found]
+    what = [(one.about, one.kind, one.stake, one.answered) for one in found]
     rows = [(*one, *other) for one, other in zip(when, what, strict=True)]
-    list_rows(state, "troubles", "reason first last name kind advice action stake answered", rows)
+    list_rows(state, "troubles", "reason first last name kind stake answered", rows)
     redraw("VIEW_3D")

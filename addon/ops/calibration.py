@@ -39,7 +39,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(LongWork, bpy.types.Operator):
 
     def asked(self, context):
         settings, path = context.scene.mocap_autolabel, self.filepath
-        self._of = settings.source.cameras.session_uid
+        self._of = {settings.source.cameras.session_uid, settings.source.cameras.name}
         source = Path(bpy.path.abspath(settings.source.blobs_path))
         job = RefineJob(
             source=source,
@@ -61,7 +61,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(LongWork, bpy.types.Operator):
             self.report({"INFO"}, f"Nothing to refine: {_worst(report)}")
             return
         source = scene.mocap_autolabel.source
-        if source.cameras is None or source.cameras.session_uid != self._of:
+        if source.cameras is None or self._of.isdisjoint({source.cameras.session_uid, source.cameras.name}):
             words = f"other cameras are chosen than those that were refined, which are in {Path(report['out']).name}"
             raise InputError(f"{words}; expected them to stay, so import that file")
         source.cameras = show_refined(scene, source.cameras, cameras, report)

@@ -92,13 +92,13 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         named = tuple(stored.words[name] for name in self.markers.splitlines() if name in stored.words)
         markers = named or wanted_markers(context, stored, self.extent)
         options = FillOptions(settings.filling.method, longest, markers, frame)
-        self._of = context.scene.mocap_autolabel.take.session_uid
+        self._of = {settings.take.session_uid, settings.take.name}
         subjects = [subject_of(context, stored, one, options.method) for one in stored.performers]
         return partial(fill_subjects, stored.unfilled.markers, stored.rate, options, subjects, _rays(stored))
 
     def _show(self, context, filled: FilledTake) -> set[str]:
         settings = context.scene.mocap_autolabel
-        if not is_take(settings.take) or settings.take.session_uid != self._of:
+        if not is_take(settings.take) or self._of.isdisjoint({settings.take.session_uid, settings.take.name}):
             raise InputError("another take is shown than the one whose gaps were filled; expected it to stay")
         stored = opened.take(settings.take, context.scene)
         if not filled.gaps and not filled.left:

@@ -179,7 +179,7 @@ class LabelsTake(LongWork):
         settings = context.scene.mocap_autolabel
         take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings.subjects))
         again = is_take(settings.take) and is_opened(settings)
-        settings.take = show_again(context, take, whole=not settings.labelling.use_range)
+        settings.take = show_again(context, take, whole=job.frames is None)
         if not again:  # what was opened meanwhile is seen
             context.window_manager.mocap_autolabel.unfolded = not is_opened(settings)
         follow_soon()  # frames around those that were labelled may have been corrected a moment before

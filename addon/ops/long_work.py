@@ -3,13 +3,15 @@
 
 The process goes through the same door as the command line, is kept for the session, and ends with Blender, however that
 ends. What ends its work early is the operator Cancel alone: the cross beside the progress asks for it, and Esc over a
-3D view, the editor that shows the progress. Esc anywhere else belongs to whatever is there.
+3D view, the editor that shows the progress. Esc anywhere else belongs to whatever is there. Blender ends operators as
+another file is opened: one of the same kind takes the work up then, and what comes of it waits for its own file.
 """
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -32,6 +34,9 @@ ASKED_FROM = 10.0  # s of work that is not given up unasked; paper: Miller 1968,
 _workers: "list[Worker]" = []
 _kept = ExitStack()
 _going_on: "list[LongWork]" = []  # one at most
+# What goes on without an operator, or is done for a file that is not open: its kind, and what that had noted.
+_left: "list[tuple[type[LongWork], dict[str, Any]]]" = []
+_taken_up: list[dict[str, Any]] = []  # what an operator had noted that another one takes up at this moment
 
 nothing_goes_on = unless(
     lambda context: not context.window_manager.mocap_autolabel.doing,
@@ -44,14 +49,19 @@ class LongWork(Ours):
 
     In the window it is done by a process of its own; without one it is done at once. Both `asked` and `_show`, which
     alone touches Blender, raise UserError where something is missing, so cancelling leaves nothing behind and undo is
-    one step. `_said` makes a sentence of the work one for the window.
+    one step. `_said` makes a sentence of the work one for the window. Both may be another operator's than `asked` was,
+    with what that noted and was told.
     """
 
     doing = "Working"
     of_scene = True  # whether what comes of it goes into the scene that it was asked for in, not into a file
     waits = True  # until that scene is seen, or else gives up
-    _timer, _asked_for_it, _found = None, False, None
+    _timer, _asked_for_it, _spent, _astray = None, False, 0.0, False
     _shown = float("-inf")
+
+    @classmethod
+    def lacks(cls, context) -> str:
+        return "" if _taken_up else super().lacks(context)
 
     def work(self, context):
         asked = self.asked(context)
@@ -74,6 +84,11 @@ class LongWork(Ours):
         return {"RUNNING_MODAL"}
 
     def execute(self, context):
+        if _taken_up:
+            for name, value in _taken_up.pop().items():
+                with suppress(TypeError):  # of choices that another file does not have
+                    setattr(self, name, value)
+            return self._watch(context)
         beside = self._asked_for_it and not bpy.app.background
         return self._begin(context) if beside else super().execute(context)
 
@@ -84,13 +99,19 @@ class LongWork(Ours):
             words = f"{manager.mocap_autolabel.doing.split(':')[0].lower()} goes on"
             raise InputError(f"{words}; expected it to come to its end first, or to be cancelled")
         self._worker, self._scene = hand_over(self.asked(context)), context.scene.session_uid
+        self._began, self._found = perf_counter(), None
+        self._file = self._scene_name = ""  # where it was asked for, once another file was opened
+        return self._watch(context)
+
+    def _watch(self, context) -> set[str]:
+        manager = context.window_manager
         self._timer = manager.event_timer_add(LOOK_EVERY, window=context.window)
         manager.progress_begin(0, 100)
-        self._began, self._shown = perf_counter(), float("-inf")
-        manager.mocap_autolabel.cancelled, manager.mocap_autolabel.spent = False, 0.0
+        self._shown = float("-inf")
+        manager.mocap_autolabel.cancelled = False
         manager.modal_handler_add(self)
         _going_on.append(self)
-        self._tell(context, 0.0)
+        self._tell(context, self._worker.share)
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
@@ -101,6 +122,8 @@ class LongWork(Ours):
                 return {"RUNNING_MODAL"}  # it asks
         if state.cancelled:
             self._end(context)
+            if self._worker.busy:
+                end_process()
             self.report({"INFO"}, f"{self.doing} was cancelled")
             return {"CANCELLED"}
         if event.type != "TIMER":
@@ -111,13 +134,14 @@ class LongWork(Ours):
     def _tick(self, context) -> set[str]:
         """Looks for what came of the work, which is shown in the scene that it was asked for in, once that is seen.
 
-        What is in a file needs no scene.
+        What is in a file needs no scene. What is for another file than the one that is open waits for it.
         """
         self._found = self._worker.look() if self._found is None else self._found
         if self._found is None:
             self._tell(context, self._worker.share)
             return {"RUNNING_MODAL"}
-        asked = next((one for one in bpy.data.scenes if one.session_uid == self._scene), None)
+        asked = scene_of(vars(self))
+        self._astray = asked is None
         windows = [] if asked == context.scene else context.window_manager.windows
         seen = asked == context.scene or next((window for window in windows if window.scene == asked), None)
         if self.of_scene and self.waits and asked is not None and not seen:
@@ -125,6 +149,10 @@ class LongWork(Ours):
             return {"RUNNING_MODAL"}
         self._end(context)
         if self.of_scene and not self.waits and not seen:
+            return {"CANCELLED"}
+        if self.of_scene and asked is None and self._file not in ("", bpy.data.filepath):
+            self._leave()
+            self.report({"INFO"}, f"{self.doing} is done, to be shown once {bpy.path.basename(self._file)} is open")
             return {"CANCELLED"}
         if self.of_scene and asked is None:
             raise InputError(f"{self.doing.lower()} is done, but its scene is gone; expected that to stay")
@@ -139,45 +167,96 @@ class LongWork(Ours):
         return self._show(context, self._found)
 
     def cancel(self, context):
-        """Another file is opened, or the window is closed: it is given up, and whoever is there then is told."""
-        self._end(context)
-        words = f"{self.doing} was given up, as another file was opened or its window was closed"
-        bpy.app.timers.register(partial(_pop_up, words), persistent=True)
+        """Another file is opened, or the window is closed: whoever is there then takes the work up."""
+        self._give_back(context)
+        if scene := scene_of(vars(self)):
+            self._file, self._scene_name = bpy.data.filepath, scene.name
+        self._leave()
+        take_up_soon()
+
+    def _leave(self):
+        told = {name: one for name, one in self.as_keywords().items() if isinstance(one, int | float | str)}
+        _left.append((type(self), vars(self) | told))
 
     def _tell(self, context, fraction: float, words: str = ""):
         now = perf_counter()
         if now - self._shown < TELL_EVERY:
             return
         state = context.window_manager.mocap_autolabel
-        self._shown, spent = now, state.spent if words else now - self._began  # what waits is not worked on
-        left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
+        self._shown, self._spent = now, self._spent if words else now - self._began  # what waits is not worked on
+        left = f", {time_left(self._spent, fraction)} left" if time_left(self._spent, fraction) else ""
         words = words or f"{fraction:.0%}{left}"
-        state.doing, state.share, state.spent = f"{self.doing}: {words}", fraction, spent
+        state.doing, state.share, state.spent = f"{self.doing}: {words}", fraction, self._spent
         context.window_manager.progress_update(round(100 * fraction))
         context.workspace.status_text_set(f"{state.doing}. Esc over a 3D view cancels")
         redraw("VIEW_3D", "UI")
 
     def _end(self, context):
-        """Gives back the timer, the progress and the status bar, and ends what is not done; once."""
-        if self._timer is None:
-            return
-        if self._worker.busy:
-            end_process()
+        """Gives back the timer, the progress and the status bar; once."""
+        if self._timer is not None:
+            self._give_back(context)
+            clear_status()
+
+    def _give_back(self, context):
+        """The same but for the status bar, at which Blender ends where it is that of a window that is being closed."""
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
-        for workspace in bpy.data.workspaces:  # each that somebody went through meanwhile keeps what it was told
-            with bpy.context.temp_override(workspace=workspace):
-                workspace.status_text_set(None)
         context.window_manager.mocap_autolabel.doing = ""
         redraw("VIEW_3D", "UI")
         self._timer = None
         _going_on.clear()
 
 
+def clear_status():
+    """Lets the status bars be Blender's; each workspace that somebody went through keeps what it was told."""
+    for workspace in bpy.data.workspaces:
+        with bpy.context.temp_override(workspace=workspace):
+            workspace.status_text_set(None)
+
+
+def scene_of(noted: dict[str, Any]) -> bpy.types.Scene | None:
+    """The scene that work was asked for in, also where its file was opened again; None where it is not there."""
+    found = next((one for one in bpy.data.scenes if one.session_uid == noted["_scene"]), None)
+    again = found is None and noted["_file"] == bpy.data.filepath != ""
+    return bpy.data.scenes.get(noted["_scene_name"]) if again else found
+
+
+def take_up_soon():
+    """Looks for work to take up once the file that is being opened is open."""
+    if _left and not bpy.app.timers.is_registered(take_up):
+        bpy.app.timers.register(take_up, persistent=True)
+
+
+def take_up() -> float | None:
+    """Has an operator go on with work that lost its own, and show what is done for the file that is open; a timer."""
+    manager = bpy.context.window_manager
+    if manager.mocap_autolabel.doing:
+        return LOOK_EVERY
+    with bpy.context.temp_override(window=manager.windows[0]):  # a status bar of no window ends Blender
+        clear_status()
+        for kind, noted in tuple(_left):
+            if kind.of_scene and not noted["_file"] and scene_of(noted) is None:
+                _left.remove((kind, noted))
+                end_process()
+                _pop_up(f"{kind.doing} was given up, as its file was never saved and another was opened")
+        here = [one for one in _left if one[1]["_found"] is None or one[1]["_file"] == bpy.data.filepath]
+        if not here:
+            return None
+        kind, noted = max(here, key=lambda one: one[1]["_found"] is not None)  # which takes no time
+        _left.remove((kind, noted))
+        _taken_up.append(noted)
+        getattr(bpy.ops.mocap_autolabel, kind.bl_idname.partition(".")[2])("EXEC_DEFAULT")
+    return LOOK_EVERY
+
+
+def done_elsewhere() -> Iterator[tuple[str, str]]:
+    """What is done for files that are not open: what it was, and the file."""
+    return ((kind.doing, noted["_file"]) for kind, noted in _left if noted["_found"] is not None)
+
+
 def _pop_up(words: str):
     manager = bpy.context.window_manager
-    with bpy.context.temp_override(window=manager.windows[0]):
-        manager.popup_menu(lambda menu, _: menu.layout.label(text=words), title="Mocap Autolabel", icon="INFO")
+    manager.popup_menu(lambda menu, _: menu.layout.label(text=words), title="Mocap Autolabel", icon="INFO")
 
 
 def hand_over(work: partial) -> "Worker":
@@ -197,6 +276,7 @@ def hand_over(work: partial) -> "Worker":
 
 def leave_work():
     """Gives up what goes on, of which Blender does not tell it when the extension ends, and ends the process."""
+    _left.clear()
     for work in tuple(_going_on):
         work._end(bpy.context)
     end_process()

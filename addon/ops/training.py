@@ -86,7 +86,8 @@ class Trains(LongWork):
 
     def _show(self, context, result: dict):
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
-        choose_own(settings.subjects, Path(result["out"]))
+        if not self._astray:  # what another file uses is left alone
+            choose_own(settings.subjects, Path(result["out"]))
         state.doubts.clear()
         for doubt in result["doubts"]:
             state.doubts.add().name = doubt

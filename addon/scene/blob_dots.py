@@ -5,11 +5,12 @@ The counterpart of `picking` for blobs. A blob goes by its row in the take, as a
 trajectory; what it is in other frames is told by its track in the camera.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, JobError
 from ..core.data.takes import NO_MARKER, NO_POINT, Blobs, rows_in_frame
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import BlobEdit
@@ -63,20 +64,19 @@ class FrameRays:
     def of(cls, stored: Stored, index: int) -> "FrameRays":
         """Of frame `index` of a take of blobs by itself: no trajectory tells."""
         here, centres = rows_in_frame(stored.rows, index), stored.cameras.centres
-        rows, cameras = np.arange(here.start, here.stop), stored.rows.camera[here]
+        cameras, xy = stored.rows.camera[here], stored.rows.xy[here]
         points, point, used = np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int)
         if len(stored.cameras) > 1:
-            one = np.zeros(len(rows), int)
-            blobs = Blobs(stored.rows.frames[[index]], one, cameras, stored.rows.xy[here], stored.rows.area[here])
-            found = Reconstructor(stored.cameras, stored.rate).reconstruct(blobs)
-            points, (point, camera) = found.points, np.nonzero(found.rows >= 0)
-            used = found.rows[point, camera]
-        left = np.setdiff1d(np.arange(len(rows)), used)
-        rays = [ray_of(stored, row) for row in rows[left].tolist()]
-        way = np.array([direction for _, direction in rays]).reshape(-1, 3)
+            with suppress(JobError):  # for a flood of blobs, which Label says
+                blobs = Blobs(stored.rows.frames[[index]], 0 * cameras, cameras, xy, stored.rows.area[here])
+                found = Reconstructor(stored.cameras, stored.rate).reconstruct(blobs)
+                points, (point, camera) = found.points, np.nonzero(found.rows >= 0)
+                used = found.rows[point, camera]
+        left = np.setdiff1d(np.arange(len(cameras)), used)
         begins = centres[cameras[left]]
+        way = stored.cameras.directions(stored.cameras.undistort(xy[left], cameras[left]), cameras[left])
         far = np.median(np.linalg.norm(points[:, None] - centres, axis=2)) if len(points) else FAR
-        away = begins + far * way / np.linalg.norm(way, axis=1, keepdims=True)
+        away = begins + far * way
         ends = np.stack([centres[cameras[used]], points[point]], axis=1)
         return cls(points, ends, np.stack([begins, away], axis=1))
 

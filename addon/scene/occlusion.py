@@ -122,15 +122,11 @@ class MeshOcclusion:
 
 
 def occlusion_of(
-    context: bpy.types.Context,
-    armature: bpy.types.Object,
-    items: list[bpy.types.Object],
-    markerset: MarkerSet,
-    shrink: float = OCCLUDING.fitted_shrink,
+    context: bpy.types.Context, armature: bpy.types.Object, items: list[bpy.types.Object], markerset: MarkerSet
 ) -> MeshOcclusion:
     """The occlusion test of mesh objects on an armature made for `markerset`; modifiers count, the pose does not.
 
-    Below 1 `shrink` makes the meshes thinner, as it does capsules: a body that fits badly hides less.
+    The meshes are made thinner, as capsules are: a body that fits badly hides less.
 
     Raises InputError when there is no mesh, the armature lacks a bone of the marker set, or a mesh hangs on no bone,
     neither by parenting nor by vertex groups.
@@ -152,19 +148,20 @@ def occlusion_of(
     context.view_layer.update()
     try:
         depsgraph = context.evaluated_depsgraph_get()
-        volumes = [one for item in items for one in _volumes(item, armature, markerset, depsgraph, shrink)]
+        volumes = [one for item in items for one in _volumes(item, armature, markerset, depsgraph)]
     finally:
         armature.data.pose_position = before
         context.view_layer.update()
     return MeshOcclusion(volumes, np.array(armature[SCALE], dtype=float))
 
 
-def capsule_meshes(markerset: MarkerSet, shrink: float = OCCLUDING.fitted_shrink) -> MeshOcclusion:
+def capsule_meshes(markerset: MarkerSet) -> MeshOcclusion:
     """The occlusion test of the meshes that `body.add_body` makes of a marker set's capsules, without the objects."""
     scale, volumes = np.full(3, markerset.spread.height), []
     for index, segment in enumerate(markerset.capsules.segment):
         capsule = Capsule.of(markerset, index, scale)
-        radius, place, along = capsule.radius * shrink, capsule.place, capsule.half * capsule.place[:3, 2]
+        radius, place = capsule.radius * OCCLUDING.fitted_shrink, capsule.place
+        along = capsule.half * place[:3, 2]
         corners, faces = capsule_shape(capsule.half, radius)
         mesh = Mesh(corners @ place[:3, :3].T + place[:3, 3], faces)
         volumes.append(Volume(int(segment), mesh, place[:3, 3] - along, 2 * along, radius))
@@ -239,9 +236,7 @@ def _ball_radius(tree: BVHTree, surface: np.ndarray, outward: np.ndarray) -> flo
     return radius
 
 
-def _volumes(
-    item: bpy.types.Object, armature: bpy.types.Object, markerset: MarkerSet, depsgraph, shrink
-) -> list[Volume]:
+def _volumes(item: bpy.types.Object, armature: bpy.types.Object, markerset: MarkerSet, depsgraph) -> list[Volume]:
     """The volumes of one mesh object, one for each segment that carries some of it."""
     evaluated = item.evaluated_get(depsgraph)
     mesh = evaluated.to_mesh()
@@ -259,8 +254,7 @@ def _volumes(
     if np.linalg.det(to_armature[:3, :3]) < 0:
         triangles = triangles[:, ::-1]
     joints = [np.array(armature.data.bones[name].head_local, dtype=float) for name in markerset.skeleton.segments]
-    if shrink < 1:
-        placed = _shrunk(placed, triangles, owner, shrink)
+    placed = _shrunk(placed, triangles, owner)
     whole = Mesh(placed, triangles)
     return [
         _piece(int(segment), placed, triangles, owner == segment, whole, joints[segment])
@@ -281,7 +275,7 @@ def _piece(
     return Volume(segment, Mesh(own, rows.reshape(-1, 3)), *_around(own), skin)
 
 
-def _shrunk(points: np.ndarray, triangles: np.ndarray, owner: np.ndarray, shrink: float) -> np.ndarray:
+def _shrunk(points: np.ndarray, triangles: np.ndarray, owner: np.ndarray) -> np.ndarray:
     """Every corner (V, 3) of a mesh moved inwards by a part of how thick its piece is there, as a capsule is.
 
     owner (T,) says which piece a triangle belongs to. Where a piece is open the whole mesh says how thick it is.
@@ -299,7 +293,7 @@ def _shrunk(points: np.ndarray, triangles: np.ndarray, owner: np.ndarray, shrink
             if np.isinf(thick[corner]):
                 thick[corner] = _ball_radius(tree, points[corner], normals[corner])
     # Where the whole mesh is open there is no far wall, and nothing to shrink towards.
-    return points - normals * np.where(np.isfinite(thick), (1 - shrink) * thick, 0)[:, None]
+    return points - normals * np.where(np.isfinite(thick), (1 - OCCLUDING.fitted_shrink) * thick, 0)[:, None]
 
 
 def _around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -10,7 +10,7 @@ from ..ops.correcting import review_now
 from ..ops.importing import look_when_free
 from ..ops.label_folder import follow, leave_batch, show_batch
 from ..ops.live import follow_live, leave_live, rest_rig
-from ..ops.long_work import leave_work
+from ..ops.long_work import leave_work, take_up, take_up_soon
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
 from ..props import know_markerset, list_trouble, refresh_review
@@ -60,7 +60,7 @@ def add_handlers(stack: ExitStack):
     # While an extension is being enabled the file is out of bounds; a moment later it is not. The timer is persistent
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
     bpy.app.timers.register(adopt_takes, first_interval=0.0, persistent=True)
-    for timer in (list_trouble, adopt_takes, review_now, look_when_free, follow, follow_live):
+    for timer in (list_trouble, adopt_takes, review_now, look_when_free, follow, follow_live, take_up):
         stack.callback(_stop_timer, timer)
 
 
@@ -95,6 +95,7 @@ def after_load(*_):
     if not bpy.app.background:
         follow_soon()
     show_batch()
+    take_up_soon()
 
 
 @persistent

@@ -9,17 +9,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ..core.data.takes import (
-    BY_EDIT,
-    CONFLICT,
-    EXCLUSIVE,
-    NO_MARKER,
-    NO_STEP,
-    REMAINING,
-    Blobs,
-    PointRows,
-    rows_in_frame,
-)
+from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, Blobs, PointRows
 from ..core.data.wording import count_of
 from ..ops.importing import cameras_at_hand
 from ..ops.reposing import words_behind
@@ -39,7 +29,6 @@ from .marks import BLUE, GREY, ORANGE, RED, STEP_COLOURS, WHITE
 
 BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
 RAY, LOOSE_RAY = (1.0, 1.0, 1.0, 0.1), (1.0, 0.15, 0.2, 0.35)
-FEW_BLOBS = 400  # in a frame; where their rays meet is found in 0.2 s, and of 1,000 in 6 s
 RING_COLOUR = (1.0, 1.0, 1.0, 0.45)
 CORNERS = 16
 LEGEND_LEFT, LEGEND_BOTTOM, LINE = 60, 20, 18
@@ -87,10 +76,9 @@ def draw_frame(canvas: "Canvas", context: bpy.types.Context):
         return
     canvas.perspective = canvas.perspective @ placed(collection)
     if isinstance(stored.rows, Blobs):
-        rays, here = settings.display.show_rays, rows_in_frame(stored.rows, index)
+        rays = settings.display.show_rays
         # Until there are markers to see, but not while it plays: this takes longer than a frame lasts.
-        unasked = not stored.names and here.stop - here.start <= FEW_BLOBS and not context.screen.is_animation_playing
-        if rays or unasked:
+        if rays or not (stored.names or context.screen.is_animation_playing):
             draw_rays(canvas, stored, index, rays)
     draw_markers(canvas, stored, index, settings, collection)
 

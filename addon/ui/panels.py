@@ -11,6 +11,7 @@ from ..core.data.wording import count_of
 from ..io.markersets import AUTO_MODEL, SUFFIX, builtin_markersets, open_markerset
 from ..io.qtm.capture import is_qtm
 from ..ops.importing import USE_ITEMS, cameras_at_hand
+from ..ops.long_work import done_elsewhere
 from ..ops.reposing import words_behind
 from ..ops.retargeting import active_rig
 from ..props import OWN_FILE, found_here, is_opened, opened_file
@@ -173,6 +174,10 @@ def _draw_progress(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
         row.scale_y = 1.6
         row.progress(factor=state.share, text=state.doing)
         row.operator("mocap_autolabel.cancel", text="", icon="X")
+    for doing, file in done_elsewhere():
+        text = f"{doing} is done: open {bpy.path.basename(file)}"
+        opens = layout.operator("wm.open_mainfile", text=text, icon="FILE_BLEND")
+        opens.filepath, opens.display_file_selector = file, False
 
 
 def _draw_refused(layout: bpy.types.UILayout, context, state: bpy.types.PropertyGroup):

@@ -32,12 +32,11 @@ def arguments(motion, centres, markers=None):
     return motion.rotations[there], motion.joints[there], motion.scale[there], markers[there], centres
 
 
-@pytest.mark.parametrize("shrink", [1.0, OCCLUDING.fitted_shrink])
-def test_meshes_agree_with_the_closed_form_on_capsules(empty, made, body, shrink):
-    markerset, armature, meshes = body
+def test_meshes_agree_with_the_closed_form_on_capsules(empty, made, body):
+    (markerset, armature, meshes), shrink = body, OCCLUDING.fitted_shrink
     motion = made.motion(markerset, 60)
     scattered = motion.expected + np.random.default_rng(1).normal(0, 0.1, motion.expected.shape)
-    occlusion, unmade = occlusion_of(empty, armature, meshes, markerset, shrink), capsule_meshes(markerset, shrink)
+    occlusion, unmade = occlusion_of(empty, armature, meshes, markerset), capsule_meshes(markerset)
     for markers, least in ((motion.expected, 0.999), (scattered, 0.995)):
         given = arguments(motion, made.cameras().centres, markers)
         wide, narrow = (CapsuleOcclusion(markerset, shrink * part).hidden(*given) for part in (1.0, 0.985))

@@ -223,9 +223,14 @@ def test_a_scenes_own_cameras_can_be_used_and_what_is_missing_is_said_before(ext
 class Modal:
     """The label operator as Blender's window drives it, without a window."""
 
+    bl_idname, doing, of_scene, waits = "mocap_autolabel.label", "Labelling", True, True
+
     def __init__(self, module):
         self.kind, self.reports = module.MOCAP_AUTOLABEL_OT_label, []
         self.everybody, self.force, self.markerset = False, False, ""
+
+    def as_keywords(self):
+        return {"markerset": self.markerset, "files": []}
 
     def __getattr__(self, name):
         own = getattr(self.kind, name)
@@ -415,6 +420,71 @@ def test_what_was_asked_for_in_a_scene_that_is_gone_is_one_sentence(ready, label
     assert operator.reports[-1][1] == "labelling is done, but its scene is gone; expected that to stay"
 
 
+NEW, CLOSES = "a new file", "no file: a window is closed"
+
+
+@pytest.fixture
+def opens(labelling, window, monkeypatch):
+    """Opens a file, a new one, or closes a window; gives the operator that takes the work up, and what is told."""
+    taken_up, told, there = [], [], MagicMock(wraps=bpy)
+    there.context, there.data, there.app.background = bpy.context, bpy.data, False
+    there.ops.mocap_autolabel.label = lambda _: taken_up[-1].execute(window.context)
+    monkeypatch.setattr(labelling.long_work, "bpy", there)
+    monkeypatch.setattr(labelling.long_work, "_pop_up", told.append)
+
+    def opens(path, going_on=None):
+        if going_on is not None:
+            going_on.cancel(window.context)
+        if path == NEW:
+            bpy.ops.wm.read_homefile(use_empty=True)
+        elif path != CLOSES:
+            bpy.ops.wm.open_mainfile(filepath=str(path))
+        window.context.scene, window.context.view_layer = bpy.context.scene, bpy.context.view_layer
+        window.manager.mocap_autolabel = session()
+        taken_up.append(Modal(labelling.module))
+        labelling.long_work.take_up()
+        return taken_up[-1], told
+
+    return opens
+
+
+def test_work_goes_on_as_another_file_is_opened_and_is_shown_in_its_own(labelling, in_fives, window, opens, tmp_path):
+    path, context, long_work = tmp_path / "walk.blend", window.context, labelling.long_work
+    assert window.operator._begin(context) == {"RUNNING_MODAL"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    elsewhere, _ = opens(NEW, going_on=window.operator)
+    assert elsewhere.run(context) == {"CANCELLED"}
+    assert elsewhere.reports == [("INFO", "Labelling is done, to be shown once walk.blend is open")]
+    assert list(long_work.done_elsewhere()) == [("Labelling", str(path))]
+    assert bpy.context.scene.mocap_autolabel.take is None
+    assert taken(window.manager) == (0, 0)
+    again, told = opens(path)
+    assert again.run(context) == {"FINISHED"}
+    assert bpy.context.scene.mocap_autolabel.take.name == "Mocap: walk"
+    assert not told and not long_work._left
+
+
+def test_work_whose_window_is_closed_goes_on_in_another(labelling, in_fives, window, opens):
+    assert window.operator._begin(window.context) == {"RUNNING_MODAL"}
+    elsewhere, told = opens(CLOSES, going_on=window.operator)
+    assert elsewhere.run(window.context) == {"FINISHED"}
+    assert not told
+
+
+@pytest.mark.parametrize("kind", ["exporting.ExportsTake", "labelling.LabelsTake"])
+def test_only_what_is_in_no_file_is_given_up_with_a_file_that_was_never_saved(
+    labelling, window, opens, kind, monkeypatch
+):
+    module, kind = kind.split(".")
+    of_scene = getattr(ours(f"ops.{module}"), kind).of_scene
+    monkeypatch.setattr(Modal, "of_scene", of_scene)
+    assert window.operator._begin(window.context) == {"RUNNING_MODAL"}
+    elsewhere, told = opens(NEW, going_on=window.operator)
+    assert told == ["Labelling was given up, as its file was never saved and another was opened"] * of_scene
+    assert of_scene or elsewhere.run(window.context) == {"FINISHED"}
+    assert hasattr(elsewhere, "_worker") != of_scene
+
+
 @pytest.mark.parametrize("gone", [False, True])
 @pytest.mark.parametrize(
     "name", ["exporting.ExportsTake", "training.Trains", "labelling.MOCAP_AUTOLABEL_OT_find_markerset"]
@@ -457,7 +527,8 @@ def test_work_is_done_by_one_process_and_shown_here_and_its_death_is_one_sentenc
         np.testing.assert_array_equal(getattr(stored_take().labels, name), getattr(here, name))
     assert operator._begin(context) == {"RUNNING_MODAL"}
     assert operator._worker.process.pid not in processes, "another one was started"
-    operator._end(context)
+    press("cancel")
+    assert operator.tick(context) == {"CANCELLED"}
     assert long_work._workers == []
 
 

@@ -63,9 +63,10 @@ def test_a_marker_that_was_never_found_is_said_and_shown_and_named_by_one_button
 
 
 def test_the_gaps_of_one_marker_though_hidden_are_filled_by_its_button(state):
-    number, row = rows(state, kind="missing", action="fill")[0]
-    scene, name = bpy.context.scene, row.name
-    trouble = ours("scene.trouble").trouble_of(scene.mocap_autolabel.take, scene)[number]
+    scene = bpy.context.scene
+    found = enumerate(ours("scene.trouble").trouble_of(scene.mocap_autolabel.take, scene))
+    number, trouble = next((at, one) for at, one in found if (one.kind, one.action) == ("missing", "fill"))
+    name = state.review.troubles[number].name
     assert ours("ops.reviewing").words_for(trouble) == f"Fill {name}"
     for empty in shown().values():
         empty.hide_set(True)

@@ -111,7 +111,7 @@ def test_the_file_that_is_open_is_learned_from_by_one_button(empty, files, own_f
     refused(r"one\.markerset\.json: is there already", "learn_file")
 
 
-def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_given):
+def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_given, monkeypatch):
     jobs_given.said = {"doubts": ["one subject"], "body": {"segments": {"all": list(files.markers)}}}
     settings = listed.scene.mocap_autolabel
     settings.training.takes[0].subject = "ann [2]"
@@ -122,9 +122,15 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_
     assert job.by == ours("jobs.models").system_user() != ""
     assert [name for name, _ in job.subjects] == ["ann [2]", files.folder.name]
     assert [row.name for row in session().doubts] == ["one subject"]
+    settings.subjects.markerset = "gait15"
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(ours("ops.training").Trains, "_astray", True)
+        press("train")
+    assert settings.subjects.markerset == "gait15", "it is not chosen in another file than that it was asked for in"
+    settings.subjects.markerset, settings.subjects.markerset_path = "FILE", str(job.out)
     settings.training.train_on = True
     press("train")
-    other = jobs_given.jobs[1]
+    other = jobs_given.jobs[-1]
     assert (other.base, other.out, other.overwrite) == (str(job.out), job.out, True)
     settings.subjects.markerset = "gait15"
     settings.training.trained_name = "../elsewhere"

@@ -12,10 +12,11 @@ import numpy as np
 
 from ..data.physical import MARKER_LIMITS
 from ..geometry.triangulation import Rays, passing
-from ..geometry.views import NOWHERE, VIEWING, Sight, View
+from ..geometry.views import VIEWING, Sight, View
 from ..papers.virtual_occlusions.labelling import Rules
 
 MAX_RAY_PAIRS = 20_000  # of rays in a frame; more is a room full of reflections, of which the closest pairs are tried
+CELLS = 32  # along each axis of an image, over and over: what shares a cell may be far, which costs a look
 CHOOSING_ROUNDS = 40  # of choosing hypotheses; few are left after five
 
 
@@ -189,32 +190,46 @@ class Matcher:
     def _crossings(self, camera: np.ndarray, slot: np.ndarray, first: np.ndarray, second: np.ndarray):
         """Of pairs of blobs those whose rays pass each other closely, and the points (Q, 3) between."""
         direction, origin = self.rays.direction[camera, slot], self.sight.centres[camera]
-        near, far, gap, fixed = passing(direction, origin, first, second)
-        gap2 = gap[0] ** 2 + gap[1] ** 2 + gap[2] ** 2
-        focal = self.sight.focal[camera]
-        allowed2 = Rules.max_square * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
-        kept = np.flatnonzero(fixed & (gap2 < allowed2))
-        if len(kept) > MAX_RAY_PAIRS:
-            kept = kept[np.argsort(gap2[kept] / allowed2[kept])[:MAX_RAY_PAIRS]]
-        middle = origin[first[kept]] + near[kept, None] * direction[first[kept]] + gap[:, kept].T / 2
-        return first[kept], second[kept], middle
+        focal, parts = self.sight.focal[camera], []
+        for begin in range(0, max(len(first), 1), MAX_RAY_PAIRS):  # at a time, which stays near the processor
+            one, two = first[begin : begin + MAX_RAY_PAIRS], second[begin : begin + MAX_RAY_PAIRS]
+            near, far, gap, fixed = passing(direction, origin, one, two)
+            gap2 = gap[0] ** 2 + gap[1] ** 2 + gap[2] ** 2
+            allowed2 = Rules.max_square * self.pixel**2 * ((near / focal[one]) ** 2 + (far / focal[two]) ** 2)
+            kept = np.flatnonzero(fixed & (gap2 < allowed2))
+            middle = origin[one[kept]] + near[kept, None] * direction[one[kept]] + gap[:, kept].T / 2
+            parts.append((one[kept], two[kept], middle, gap2[kept] / allowed2[kept]))
+        one, two, middle, off = map(np.concatenate, zip(*parts, strict=True))
+        closest = np.argsort(off)[:MAX_RAY_PAIRS] if len(off) > MAX_RAY_PAIRS else slice(None)
+        return one[closest], two[closest], middle[closest]
 
     def _nearest_blobs(self, points: np.ndarray, frame: np.ndarray, deviations: float) -> np.ndarray:
         """(Q, C) the free blob nearest to each point's image, -1 where it is farther than `deviations`."""
-        image = self.sight.image(self.sight.local(points[None])[0])
         camera, slot = np.nonzero(self.free)
-        table = padded(slot, camera * self.count + self.frame_of[slot], len(self.cameras) * self.count, -1)
-        table = table.reshape(len(self.cameras), self.count, -1)
-        if not table.size:
+        if not len(slot) or not len(points):
             return np.full((len(points), len(self.cameras)), -1)
-        blobs = np.where(table[..., None] < 0, NOWHERE, self.image[self.cameras[:, None, None], table])
-        blobs = blobs if self.count == 1 else blobs[:, frame]
-        square = (blobs[..., 0] - image[..., :1]) ** 2
-        square += (blobs[..., 1] - image[..., 1:]) ** 2
-        nearest = square.argmin(axis=2)
-        least = np.take_along_axis(square, nearest[..., None], axis=2)[..., 0]
-        found = table[self.cameras[:, None], frame, nearest]
-        return np.where(least < (deviations * self.pixel / self.sight.focal[:, None]) ** 2, found, -1).T
+        blobs, reach = self.image[camera, slot], deviations * self.pixel / self.sight.focal
+        # Cells are twice as wide as `reach`: of the blobs, each in the four around it, a point's own has all near ones.
+        around = np.array([(-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)])[:, None]
+        cells = _cells(blobs / (2 * reach[camera, None]) + around, camera * self.count + self.frame_of[slot]).ravel()
+        begin = np.cumsum(np.bincount(cells + 1, minlength=len(self.cameras) * self.count * CELLS**2 + 1))
+        blob = np.argsort(cells, kind="stable") % len(blobs)
+        local = points @ self.sight.all_turned + self.sight.all_translated
+        image = self.sight.image(local.reshape(len(points), -1, 3))
+        cell = _cells(image / (2 * reach[:, None]), self.cameras * self.count + frame[:, None]).ravel()
+        place = np.flatnonzero(begin[cell] < begin[cell + 1])
+        at, end = begin[cell[place]], begin[cell[place] + 1]
+        image, least = image.reshape(-1, 2)[place], (reach**2)[place % len(reach)]
+        found = np.full(len(cell), -1)
+        while len(place):
+            off = blobs[blob[at]] - image
+            square = off[:, 0] ** 2 + off[:, 1] ** 2
+            near = square < least
+            found[place[near]] = slot[blob[at[near]]]
+            more = at + 1 < end
+            place, at, end, image = place[more], at[more] + 1, end[more], image[more]
+            least = np.minimum(least, square)[more]
+        return found.reshape(len(points), -1)
 
     def _completed(self, slots: np.ndarray) -> np.ndarray:
         """Sets of blobs (Q, C) whose rays meet in one point, and to which no other near blob belongs; each once."""
@@ -301,7 +316,9 @@ class _Hypotheses:
     def winners(self, taken: FramePoints) -> np.ndarray:
         """(Q,) those that are likelier than every other one that needs one of their blobs, or the same place."""
         better, worse = pairs_within(self.frame)
-        shares = ((self.slots[better] == self.slots[worse]) & (self.slots[better] >= 0)).any(axis=1)
+        shares = np.zeros(len(better), bool)
+        for slot in np.where(self.slots < 0, -1 - np.arange(len(self.slots))[:, None], self.slots).T.copy():
+            shares |= slot[better] == slot[worse]
         near = _near(self.points[better] - self.points[worse])
         first = np.ones(len(self.slots), bool)
         first[worse[shares | near]] = False
@@ -323,14 +340,19 @@ class _Hypotheses:
         return joined([left.pick(~touched), again]).in_order()
 
 
+def _cells(places: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """The numbers of the cells, one wide, in which places (..., 2) are, by the number of their image."""
+    column, row = (np.floor(axis).astype(int) % CELLS for axis in (places[..., 0], places[..., 1]))
+    return (image * CELLS + column) * CELLS + row
+
+
 def each_once(slots: np.ndarray) -> np.ndarray:
-    """The different ones of sets of blobs (Q, C), in order; with few cameras by one number for each set."""
-    base = int(slots.max(initial=0)) + 2
-    if base ** slots.shape[1] >= 2**63:
-        return np.unique(slots, axis=0)
-    number = np.zeros(len(slots), np.int64)
+    """The different ones of sets of blobs (Q, C), in order, by one number for each set."""
+    base, number, most = int(slots.max(initial=0)) + 2, np.zeros(len(slots), np.int64), 1
     for slot in slots.T:
-        number = number * base + slot + 1
+        if most * base >= 2**63:
+            number, most = np.unique(number, return_inverse=True)[1], len(slots)
+        number, most = number * base + slot + 1, most * base
     return slots[np.unique(number, return_index=True)[1]]
 
 

@@ -9,7 +9,9 @@ import pytest
 
 from addon.core.data.errors import JobError
 from addon.core.data.takes import Blobs
+from addon.core.geometry.views import split_views
 from addon.core.reconstruction.linking import Links
+from addon.core.reconstruction.matching import each_once
 from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture
@@ -100,6 +102,30 @@ def test_no_blobs_and_blobs_of_one_camera_make_no_points():
     assert [len(part.points) for part in parts] == [0, 0]
     with pytest.raises(JobError, match="two or more"):
         list(reconstruct_take([lone], cameras.select([0])))
+
+
+def test_the_nearest_blob_to_a_point_is_found_among_all_of_its_image():
+    xyz, cameras, rng = dance(2), ring_rig(9), np.random.default_rng(1)
+    seen = blobs_of(xyz, cameras, reflections=8).blobs
+    matcher = Reconstructor(cameras, RATE).matcher(split_views(seen, cameras))
+    matcher.free = matcher.real & (rng.random(matcher.real.shape) < 0.8)
+    frame, points = np.repeat([0, 1], 200), xyz[:, rng.integers(12, size=200)].reshape(-1, 3)
+    points = np.concatenate([points[:-2] + rng.normal(0, 0.05, (398, 3)), [[0, 0, 50.0], [9e9, 0, 0]]])
+    image = matcher.sight.image(matcher.sight.local(points[None])[0])
+    asked = matcher.free[:, None] & (matcher.frame_of == frame[:, None])
+    off = np.where(asked, np.linalg.norm(image[:, :, None] - matcher.image[:, None], axis=-1), np.inf)
+    for deviations in (5.0, 50.0):
+        near = off.min(axis=2) < deviations * matcher.pixel / matcher.sight.focal[:, None]
+        assert 0.005 < near.mean() < 0.99
+        wanted = np.where(near, off.argmin(axis=2), -1).T
+        np.testing.assert_array_equal(matcher._nearest_blobs(points, frame, deviations), wanted)
+
+
+@pytest.mark.parametrize("cameras", [2, 40])
+def test_sets_of_blobs_are_there_once_and_in_order(cameras):
+    slots = np.random.default_rng(0).integers(-1, 60, (50, cameras))
+    np.testing.assert_array_equal(each_once(slots[np.arange(150) % 50]), np.unique(slots, axis=0))
+    assert each_once(slots[:0]).shape == (0, cameras)
 
 
 def test_a_gap_is_bridged_and_a_long_one_is_not():

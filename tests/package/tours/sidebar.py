@@ -9,7 +9,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from stage import OUT, TASK, play, running, settings, state, window
+from stage import OUT, TASK, now, play, running, settings, state, window
 
 OPEN, LABEL = "mocap_autolabel.import_take", "mocap_autolabel.label"
 THEMES = ("Blender_Light", "Blender_Dark")
@@ -63,15 +63,51 @@ def walk(seen: dict) -> Iterator[float]:
     yield from look("6-blobs-labelled", seen)
 
     file = str(OUT / "tour.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.mocap_autolabel.clear()
     with window.held():
-        with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        label(markerset="body26")
+        bpy.ops.wm.save_as_mainfile(filepath=file)
+        bpy.ops.wm.read_homefile()
+        yield from window.until(running)
+        yield from window.open_tab("Mocap")
+        yield from window.screenshot("7-goes-on")
+    yield from window.until(lambda: not running())
+    seen["elsewhere"] = settings().take is not None
+    places = yield from window.all_buttons()
+    yield from window.click(*places["wm.open_mainfile"])
+    yield from window.until(lambda: settings().take is not None)
+    named = now()[0].labels.named.mean()
+    seen["open again"] = {"file": bpy.data.filepath == file, "named": named, "doing": state().doing}
+    seen["chosen"] = settings().subjects.markerset
+    bpy.ops.ed.undo()
+    seen["undone"] = settings().take is not None
+
+    bpy.ops.wm.window_new()
+    yield 1
+    with window.held():
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
             bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-        seen["running before another file"] = running()
+            bpy.ops.wm.window_close()
+        yield from window.until(running)
+    yield from window.until(lambda: not running())
+    seen["window closed"] = settings().take is not None
+
+    bpy.ops.wm.read_homefile()
+    yield 1
+    bpy.ops.mocap_autolabel.import_take(filepath=TASK["points"])
+    yield from window.until(lambda: not running())
+    with window.held():
+        label()
         bpy.ops.wm.open_mainfile(filepath=file)
-        yield 1
-    seen["another file"] = {"running": running(), "doing": state().doing, "take": settings().take is not None}
-    yield from window.screenshot("7-given-up")
+        yield 3
+        seen["never saved"] = {"running": running(), "doing": state().doing, "take": settings().take is not None}
+    yield from window.screenshot("8-given-up")
+
+
+def label(**given):
+    """Label goes on beside the window."""
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT", **given)
 
 
 def look(name: str, seen: dict) -> Iterator[float]:
