@@ -39,6 +39,7 @@ from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
 from .scene.retargeting import is_rig
+from .scene.rig_preview import follow_rigs_soon
 from .scene.take import SOURCE, is_take
 from .scene.timing import OWN_FIRST, RATE, give_time, keep_clock, kept_clock
 from .scene.trouble import is_quick, marker_rows, trouble_of
@@ -449,6 +450,7 @@ class RigBoneRow(bpy.types.PropertyGroup):
         name="Bone",
         description="The bone of the rig that moves as this part of the body; or none",
         override={"LIBRARY_OVERRIDABLE"},
+        update=follow_rigs_soon,
     )
 
 
@@ -468,10 +470,12 @@ class RigSettings(bpy.types.PropertyGroup):
         name="Keep Feet",
         description="Bend the legs so that feet do not slide while they are planted",
         default=True,
+        update=follow_rigs_soon,
     )
     keep_hands: BoolProperty(
         name="Keep Hands",
         description="Bend the arms so that hands are where the body's are, in a room as much larger as the rig's legs",
+        update=follow_rigs_soon,
     )
 
 

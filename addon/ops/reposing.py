@@ -23,6 +23,7 @@ from ..scene.opened import opened
 from ..scene.performers import Performer
 from ..scene.redrawing import redraw
 from ..scene.reposing import is_out_of_date, lacks_to_repose, put_body, show_posed_frame
+from ..scene.rig_preview import follow_rigs
 from ..scene.stored import Stored
 from ..scene.take import is_take
 
@@ -121,6 +122,7 @@ def follow_soon(seen: bool = False):
     if bpy.app.background:
         if is_behind(bpy.context) and not _lacking(bpy.context):
             follow_now(bpy.context)
+        follow_rigs()
         return
     if seen:
         _follow()
@@ -150,6 +152,7 @@ def _follow() -> float | None:
     context, until = bpy.context, perf_counter() + BUDGET
     if not is_behind(context) or _lacking(context):
         _going_on.clear()
+        follow_rigs()
         redraw("VIEW_3D")
         return None
     collection = context.scene.mocap_autolabel.take

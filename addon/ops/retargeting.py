@@ -12,9 +12,8 @@ from ..core.data.wording import count_of
 from ..core.retarget.matching import FINGER_PARTS, PARTS, match_bones, match_map
 from ..io import bone_maps
 from ..scene.clock import fps_of, plays_at
-from ..scene.performers import homes
-from ..scene.retargeting import freed_by, is_rig, matched_before, rest_bones, retarget_take
-from ..scene.stored import alone
+from ..scene.retargeting import freed_by, is_rig, matched_before, preview_on, rest_bones
+from ..scene.rig_preview import bake, discard, matched_in, retarget_rig
 from .base import Ours, lacks_take, operator, taken, unless
 from .importing import ImportsFile
 from .reposing import follow_now
@@ -28,6 +27,7 @@ def active_rig(context: bpy.types.Context) -> bpy.types.Object | None:
 
 lacks_rig = unless(active_rig, "Make the armature of your rig the active object first")
 lacks_mode = unless(lambda context: context.mode in ("OBJECT", "POSE"), "Go to object or pose mode first")
+lacks_preview = unless(lambda context: preview_on(context.object), "Press Retarget first")
 
 
 def _keep(rig: bpy.types.Object, matched: Mapping[str, str]):
@@ -41,22 +41,29 @@ def _keep(rig: bpy.types.Object, matched: Mapping[str, str]):
 @operator(lacks_take, lacks_rig, lacks_mode)
 def retarget(self, context):
     """Give the active rig an action that moves it as the take's body: any names, proportions and rest pose."""
-    rig, collection = active_rig(context), context.scene.mocap_autolabel.take
-    own = rig.mocap_autolabel
-    if not own.bones:
+    rig = active_rig(context)
+    if not rig.mocap_autolabel.bones:
         _keep(rig, matched_before(rig) or match_bones(rest_bones(rig)))
     follow_now(context)
-    stored = taken(context)
-    performer = next((one for one in stored.performers if one.name == own.performer), stored.performers[0])
-    home = homes(collection).get(performer.name, collection)
-    matched = {row.name: row.bone for row in own.bones if row.bone}
-    action = retarget_take(context, rig, home, alone(stored, performer), matched, own.keep_feet, own.keep_hands)
+    action = retarget_rig(context, rig)
     freed = freed_by(action)
     off = f", and leaves {count_of(freed, 'constraint')} of its bones without influence" if freed else ""
     keyed = f", keyed for the scene's {fps_of(context.scene):g} frames a second"
-    speed = "" if plays_at(context.scene, stored.rate) else keyed
-    words = f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body"
+    speed = "" if plays_at(context.scene, taken(context).rate) else keyed
+    words = f"{rig.name} has the action {action.name}, of {len(matched_in(rig))} parts of the body"
     self.report({"INFO"}, f"{words}{speed}{off}")
+
+
+@operator(lacks_rig, lacks_preview, label="Bake")
+def bake_retarget(_self, context):
+    """Make the rig's action your own: nothing changes it any more, and the next Retarget makes another."""
+    bake(active_rig(context))
+
+
+@operator(lacks_rig, lacks_preview, lacks_mode, label="Discard")
+def discard_retarget(_self, context):
+    """Put back the action, pose and switches that the rig had before Retarget; what you changed stays in the file."""
+    discard(context, active_rig(context))
 
 
 class MOCAP_AUTOLABEL_OT_match_bones(Ours, bpy.types.Operator):

@@ -18,7 +18,7 @@ from .corrections import Correcting, kept_edits, kept_text, text_of
 from .fills import FillsInTake, fills_text, kept_cutoff, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
 from .stored import Stored
-from .take import POSE, ROWS, unedited_take, with_kept_body
+from .take import KEPT_BODY, POSE, ROWS, unedited_take, with_kept_body
 from .timing import SHIFT, kept_clock
 
 
@@ -39,7 +39,7 @@ class Opened:
     """
 
     stored: dict[int, Stored] = field(default_factory=dict)
-    bodies: dict[int, int] = field(default_factory=dict)
+    bodies: dict[int, str] = field(default_factory=dict)
     edited: dict[int, tuple[str, Stored, Stored]] = field(default_factory=dict)
     final: dict[int, tuple[tuple[str | None, float | None], Stored, Stored]] = field(default_factory=dict)
     filling: dict[int, tuple[str | None, FillsInTake]] = field(default_factory=dict)
@@ -81,7 +81,7 @@ class Opened:
 
     def unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         """The take that `collection` holds, as the program labelled it."""
-        key, body = _number_of(collection), collection[POSE].session_uid
+        key, body = _number_of(collection), collection[POSE].get(KEPT_BODY, "")
         if key not in self.stored:
             self.stored[key] = unedited_take(collection, scene)
         elif body != self.bodies[key]:

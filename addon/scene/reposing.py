@@ -2,9 +2,8 @@
 """The body of a take made to follow its labels: which frames it is out of date in, and the new one put in its place.
 
 With each frame the file keeps a digest of the labels that its pose was made of, so what is out of date follows from
-labels and file alone, whatever was undone, saved or labelled in between. A pose is never changed where it lies: the
-new ones are other tables, which undo takes back whole. Keys are in actions, which undo takes back on their own, so an
-action says whose poses it shows.
+labels and file alone, whatever was undone, saved or labelled in between. Keys are in actions, which undo takes back on
+their own, so an action says whose poses it shows.
 """
 
 from collections.abc import Generator, Sequence

@@ -24,7 +24,7 @@ from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
 from .clock import fps_of, refresh_frame
 from .ik_controls import Along, carriers_of, controls_by_ik, loose_bones
-from .ownership import curves_of, is_keyed_by_us, is_made_for, is_untouched, role_of, sign
+from .ownership import curves_of, is_keyed_by_us, is_made_for, is_untouched, sign
 from .roots import is_even
 from .stored import Stored
 
@@ -40,6 +40,7 @@ PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what f
 TURNED_PARTS = "hips", *LIMBS[0][:2], *LIMBS[1][:2]  # without which a body does not move as another
 MATCHED = "mocap_matched"  # on an action: the bones of its rig, by the parts of the body that they are
 SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
+PREVIEW = "mocap_preview"  # on an action that follows: what it was made of, the action before with its slot, and poses
 MOST_OFF = 0.01  # rad that a bone may be from where it is turned
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
@@ -68,7 +69,7 @@ def retarget_take(
 ) -> bpy.types.Action:
     """Gives a rig an action of its own that moves it as the take's body; `matched` has its bones by the body's parts.
 
-    An action that was made so before of the same take is replaced where nobody changed it; any other one stays.
+    Its preview of the same take is made again where nobody changed it; any other action stays.
     Raises InputError where the body or the rig is no person's.
     """
     body = moving_in(collection, stored)
@@ -83,9 +84,10 @@ def retarget_take(
         motion = joints[there[0] : there[-1] + 1], rotated[there[0] : there[-1] + 1]
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
         channels = [(*channel, values[there - there[0]]) for *channel, values in ready.channels(*moved)]
-    action = _own_action(rig, collection, stored.name)
+    action = _own_action(rig, collection, stored.name, ready.before.channels)
     clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
-    bag, frames = animation.bind(rig, action), clock.shown(stored.motion.frames)[there]
+    bag, frames = animation.channels(rig, action), clock.shown(stored.motion.frames)[there]
+    bag.fcurves.clear()
     for bone, channel, values in channels:
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
     for bone, path, value, _ in ready.before.switched:
@@ -93,7 +95,7 @@ def retarget_take(
     action[SWITCHED] = rig[SWITCHED] = json.dumps(ready.before.noted)
     action[MATCHED] = json.dumps(dict(matched))
     animation.note_time(action, fps_of(context.scene), clock.start)
-    sign(action, _role(rig.name, stored.name), collection)
+    sign(action, stored.name, collection)
     refresh_frame(context.scene)
     return action
 
@@ -191,6 +193,13 @@ def checked(
     return bones, place
 
 
+def pose_bones(rig: bpy.types.Object, channels: Mapping[str, Sequence]):
+    """Gives bones, if they are still there, these values of `BONE_CHANNELS`."""
+    for name in channels.keys() & set(rig.pose.bones.keys()):
+        for channel, value in zip(BONE_CHANNELS, channels[name], strict=True):
+            setattr(rig.pose.bones[name], channel, value)
+
+
 @dataclass(frozen=True)
 class KeptPose:
     """What bones of a rig had before it was readied.
@@ -252,15 +261,9 @@ class KeptPose:
             self.put_back(rig)
             raise
 
-    def pose(self, rig: bpy.types.Object, names: Iterable[str]):
-        """Poses bones as they were, if they are still there."""
-        for name in set(names) & set(rig.pose.bones.keys()):
-            for channel, value in zip(BONE_CHANNELS, self.channels[name], strict=True):
-                setattr(rig.pose.bones[name], channel, value)
-
     def put_back(self, rig: bpy.types.Object):
         """Puts the rig back as it was; what else somebody posed meanwhile stays."""
-        self.pose(rig, self.channels)
+        pose_bones(rig, self.channels)
         for path, value in (dict.fromkeys(self.former, 0.0) | {one[1]: one[3] for one in self.switched}).items():
             _set(rig, path, value)
         rig.data.pose_position = self.shown
@@ -347,7 +350,7 @@ class ReadyRig:
                 if goes[1 + at]
             ]
             going = {one.bone for one in along}
-            before.pose(rig, set(movers[1:]) - going)
+            pose_bones(rig, {name: before.channels[name] for name in set(movers[1:]) - going})
             carriers = np.array([loose[at] if names[at] in going else carriers[at] for at in range(count)])
             matrices = matrices[:count]
             # What carries the hips may be posed, as files come in; how a rig stands, its rest says.
@@ -442,27 +445,35 @@ def _set(rig: bpy.types.Object, path: str, value: float):
         setattr(owner, name, value)
 
 
-def _role(rig: str, name: str) -> str:
-    return f"{name} on {rig}"
+def _own_action(
+    rig: bpy.types.Object, collection: bpy.types.Collection, name: str, channels: Mapping[str, list]
+) -> bpy.types.Action:
+    """The preview that a rig has of the same, else a new one beside what it has.
 
-
-def _own_action(rig: bpy.types.Object, collection: bpy.types.Collection, name: str) -> bpy.types.Action:
-    """A new action of a rig, in the place of the one that was made for the same; what a person made is kept."""
+    It notes what is there without it: an action, and the `channels` of the bones that it moves.
+    """
     data = rig.animation_data_create()
-    former, called = data.action, f"{name} retargeted"
-    for one in [one for one in bpy.data.actions if is_made_for(one, collection)]:
-        role = role_of(one)
-        renamed = one == former and f"\n{_role('', name)}" in role  # the rig since then
-        if (renamed or role.endswith(f"\n{_role(rig.name, name)}")) and is_untouched(one) and one.slots:
-            data.action, data.action_slot = one, one.slots[0]
-            if one.users == 1 + one.use_fake_user and is_keyed_by_us(rig):
-                former = None if former == one else former
-                bpy.data.actions.remove(one)
-    if former is not None:
-        former.use_fake_user = True
-    action = bpy.data.actions.new(called)
-    data.action = action
+    action = data.action
+    if preview_on(rig) is None or not (is_made_for(action, collection) and is_ours(rig)):
+        before = {} if action is None else {"action": action, "slot": data.action_slot_handle}
+        if action is not None:
+            action.use_fake_user = True
+        data.action = action = bpy.data.actions.new(f"{name} retargeted")
+        action[PREVIEW] = before | {"posed": "{}"}
+    action[PREVIEW]["posed"] = json.dumps(channels | json.loads(action[PREVIEW]["posed"]))
     return action
+
+
+def preview_on(rig: bpy.types.Object) -> bpy.types.Action | None:
+    """The action of a rig, where it is a preview."""
+    action = None if rig.animation_data is None else rig.animation_data.action
+    return action if action is not None and PREVIEW in action else None
+
+
+def is_ours(rig: bpy.types.Object) -> bool:
+    """Whether the action that a rig has is one that we made for it alone, and nobody changed."""
+    action = rig.animation_data.action
+    return is_untouched(action) and is_keyed_by_us(rig) and action.users == 1 + action.use_fake_user
 
 
 @contextmanager

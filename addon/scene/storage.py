@@ -19,11 +19,19 @@ _VALUES = {"INT": "value", "FLOAT": "value", "FLOAT2": "vector", "FLOAT_VECTOR":
 FROM = "mocap_from_"  # and a column's name: what its whole numbers count from, where they need more than 32 bits
 
 
-def store_table(name: str, columns: dict[str, np.ndarray]) -> bpy.types.Mesh:
-    """Keeps `columns`, arrays of N rows (whole numbers (N,), or floats (N,) or (N, 2 to 4)), in a new mesh."""
-    mesh = bpy.data.meshes.new(name)
-    mesh.vertices.add(len(next(iter(columns.values()))))
+def store_table(name: str, columns: dict[str, np.ndarray], before: bpy.types.Mesh | None = None) -> bpy.types.Mesh:
+    """Keeps `columns`, arrays of N rows (whole numbers (N,), or floats (N,) or (N, 2 to 4)), in a mesh.
+
+    It is `before`, where that has as many rows and nothing else uses it, as a copy of a take does; else a new one.
+    """
+    rows = len(next(iter(columns.values())))
+    if before is not None and before.users == 1 and len(before.vertices) == rows:
+        mesh = before
+    else:
+        mesh = bpy.data.meshes.new(name)
+        mesh.vertices.add(rows)
     for key, column in columns.items():
+        mesh.pop(FROM + key, None)
         if np.issubdtype(column.dtype, np.integer) or column.dtype == bool:
             kind, dtype = "INT", np.int32
             if len(column) and np.abs(column).max() > np.iinfo(dtype).max:
@@ -31,7 +39,7 @@ def store_table(name: str, columns: dict[str, np.ndarray]) -> bpy.types.Mesh:
                 column = column - column.min()
         else:
             kind, dtype = _FLOATS[column.shape[1:]], np.float32
-        attribute = mesh.attributes.new(key, kind, "POINT")
+        attribute = mesh.attributes.get(key) or mesh.attributes.new(key, kind, "POINT")
         attribute.data.foreach_set(_VALUES[kind], np.ascontiguousarray(column, dtype=dtype).ravel())
     return mesh
 

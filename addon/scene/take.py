@@ -4,6 +4,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
+from secrets import token_hex
 from typing import Any, Self
 
 import bpy
@@ -38,6 +39,7 @@ from .timing import FRAME_TABLE, RATE, give_time, keep_clock, kept_clock
 
 ROWS, MOTION, POSE = "mocap_blobs", "mocap_motion", "mocap_pose"
 EXPECTED = "mocap_expected"
+KEPT_BODY = "mocap_body"  # on the table of poses: which body it has, another one after each change
 POSED_ON = "posed_on"  # of a frame: the digest of the labels that the body was posed on
 SHOWN_BODY = "mocap_shown_body"  # on an action: the digest of the body that it shows
 SUSPECTS, SOURCE = "mocap_suspects", "mocap_source"
@@ -425,11 +427,14 @@ def keep_body(collection: bpy.types.Collection, motion: Motion, performers: Sequ
             {"number": motion.frames, **sizes, "confidence": motion.confidence, POSED_ON: posed_on},
         ),
     }
+    # In the tables that there are, because this is done between two steps of undo as well: undo keeps a collection that
+    # neither step changed, and if it pointed at tables that are in none of them, that would end Blender (5.2).
     for key, (name, columns) in tables.items():
         before = collection.get(key)
-        collection[key] = storage.store_table(name, columns)
+        collection[key] = storage.store_table(name, columns, before)
         if before is not None and not before.users:
             bpy.data.meshes.remove(before)
+    collection[POSE][KEPT_BODY] = token_hex()
 
 
 def _size_of(number: int) -> str:

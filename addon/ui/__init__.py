@@ -17,6 +17,7 @@ from ..props import know_markerset, list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.retargeting import follow_actions
+from ..scene.rig_preview import follow_rigs
 from ..scene.take import takes_of
 from ..scene.timing import RATE
 from . import advanced, figure, graph, label_tool, live, overlay, panels, quality, review, timeline
@@ -60,7 +61,7 @@ def add_handlers(stack: ExitStack):
     # While an extension is being enabled the file is out of bounds; a moment later it is not. The timer is persistent
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
     bpy.app.timers.register(adopt_takes, first_interval=0.0, persistent=True)
-    for timer in (list_trouble, adopt_takes, review_now, look_when_free, follow, follow_live, take_up):
+    for timer in (list_trouble, adopt_takes, review_now, look_when_free, follow, follow_live, take_up, follow_rigs):
         stack.callback(_stop_timer, timer)
 
 

@@ -18,6 +18,8 @@ from ..props import OWN_FILE, found_here, is_opened, opened_file
 from ..scene.cameras import originals
 from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
+from ..scene.retargeting import preview_on
+from ..scene.rig_preview import is_left_behind
 from ..scene.take import is_take, takes_of
 from ..scene.timing import RATE, is_timed_otherwise
 from .advanced import draw_folder
@@ -227,7 +229,7 @@ def use_it(layout, context):
     if rig is None:
         draw_text(context, layout, "Select the armature of your rig to move it by the take", icon="INFO")
     else:
-        _draw_rig(layout, settings, rig)
+        _draw_rig(context, layout, rig)
     column = layout.column(align=True)
     column.separator()
     draw_choice(column, settings, "bone_names")
@@ -238,12 +240,16 @@ def use_it(layout, context):
         grid.operator(f"mocap_autolabel.export_{words.lower()}", text=words)
 
 
-def _draw_rig(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, rig: bpy.types.Object):
+def _draw_rig(context: bpy.types.Context, layout: bpy.types.UILayout, rig: bpy.types.Object):
     own = rig.mocap_autolabel
     row = layout.row()
     row.scale_y = 1.6
     row.operator("mocap_autolabel.retarget", text=f"Retarget to {rig.name}", icon="ARMATURE_DATA")
-    if homes(settings.take):
+    if preview_on(rig):
+        draw_operators(layout.row(align=True), "bake_retarget", "discard_retarget")
+    if is_left_behind(context, rig):
+        draw_text(context, layout, "The rig is behind: press Retarget", icon="ERROR")
+    if homes(context.scene.mocap_autolabel.take):
         layout.prop(own, "performer")
     row = layout.row(align=True)
     row.prop(own, "keep_feet", toggle=True)

@@ -163,6 +163,27 @@ def test_undo_and_redo_leave_no_body_of_other_labels_or_say_so(labelled, reposin
         np.testing.assert_allclose(bones(), wanted, atol=NEAR)
 
 
+def test_undo_and_redo_around_a_body_that_followed_between_steps_leave_no_table_that_is_gone(labelled, reposing, later):
+    swap()
+    for message in ("Swapped", "Selected", "Selected again"):
+        bpy.ops.ed.undo_push(message=message)
+    for step in (bpy.ops.ed.undo, bpy.ops.ed.redo) * 2:
+        reposing.follow_now(bpy.context)
+        step()
+        take, there = bpy.context.scene.mocap_autolabel.take, {mesh.session_uid for mesh in bpy.data.meshes}
+        assert {take[key].session_uid for key in ("mocap_expected", "mocap_pose", "mocap_frames")} <= there
+        reposing.follow_now(bpy.context)
+        is_fitted()
+
+
+def test_a_copy_of_a_take_keeps_its_body(labelled):
+    take, read_table = labelled.scene.mocap_autolabel.take, ours("scene.storage").read_table
+    copy, before = take.copy(), read_table(take["mocap_pose"])["joints"]
+    swap()
+    np.testing.assert_array_equal(read_table(copy["mocap_pose"])["joints"], before)
+    assert np.nanmax(np.abs(read_table(take["mocap_pose"])["joints"] - before)) > 0.1
+
+
 def test_what_is_seen_follows_at_once_and_the_rest_in_small_steps(labelled, reposing, later, monkeypatch):
     right = bones()
     swap()

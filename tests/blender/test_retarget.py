@@ -34,7 +34,7 @@ from tests.inputs.rigs import (
 )
 from tests.inputs.worn import with_fingers
 
-from .hands import add_object, ours, refused, reopen
+from .hands import add_object, choose, ours, press, refused, reopen
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
@@ -608,6 +608,139 @@ def test_what_a_person_made_is_kept_and_what_was_retargeted_replaced(shown):
     assert matched_before(rig)
     action["mocap_matched"] = json.dumps(json.loads(action["mocap_matched"]) | {"neck": "gone"})
     assert not matched_before(rig), "the rig does not have them all"
+
+
+def keyed(rig):
+    """The values of all keys of a rig, by what they move."""
+    curves = ours("scene.ownership").curves_of(rig)
+    return {(one.data_path, one.array_index): [key.co.y for key in one.keyframe_points] for one in curves}
+
+
+def is_new(rig, before, action):
+    """Asserts that a rig has other keys in the same action, those that Retarget gives it; gives them."""
+    now = keyed(rig)
+    assert now != before and rig.animation_data.action == action
+    bpy.context.view_layer.objects.active = rig
+    press("retarget")
+    assert keyed(rig) == now and rig.animation_data.action == action
+    return now
+
+
+def swap():
+    """Corrects a take so that its body moves otherwise."""
+    bpy.context.scene.mocap_autolabel.subjects.markerset = "body26"
+    choose("LWRA", "LKNE")
+    press("swap_markers", scope="WHOLE")
+
+
+def test_until_it_is_baked_an_action_follows_choices_bones_and_corrections(shown):
+    rig, hand = mixamo(), f'pose.bones["{MIXAMO["hand.L"]}"].rotation_quaternion'
+    action, own = retargeted(rig), rig.mocap_autolabel
+    keys = keyed(rig)
+    for name in ("keep_feet", "keep_hands"):
+        setattr(own, name, True)
+        keys = is_new(rig, keys, action)
+    own.bones["hand.L"].bone = ""
+    keys = is_new(rig, keys, action)
+    assert (hand, 0) not in keys
+    press("match_bones")
+    keys = is_new(rig, keys, action)
+    assert (hand, 0) in keys
+    swap()
+    keys = is_new(rig, keys, action)
+    press("bake_retarget")
+    assert action.name == f"{shown.name} on {rig.name}"
+    own.keep_feet = False
+    press("remove_correction", index=0)
+    assert keyed(rig) == keys and action.use_fake_user
+    bpy.context.view_layer.objects.active = rig
+    refused("Press Retarget first", "bake_retarget")
+    assert retargeted(rig) != action
+
+
+def test_a_preview_that_cannot_follow_or_has_a_persons_keys_stays_as_it_is(shown):
+    rig, preview = mixamo(), ours("scene.rig_preview")
+    action, own = retargeted(rig), rig.mocap_autolabel
+    keys, bone = keyed(rig), own.bones["hand.L"].bone
+    own.bones["hand.L"].bone = MIXAMO["hand.R"]  # which is a part already
+    assert keyed(rig) == keys and preview.is_left_behind(bpy.context, rig)
+    own.bones["hand.L"].bone = bone
+    assert not preview.is_left_behind(bpy.context, rig)
+    ours("scene.ownership").curves_of(rig)[0].keyframe_points[0].co.y += 1  # by hand
+    keys = keyed(rig)
+    own.keep_hands = True
+    assert keyed(rig) == keys and preview.is_left_behind(bpy.context, rig)
+    assert retargeted(rig) != action and action.use_fake_user
+    press("discard_retarget")
+    assert rig.animation_data.action == action and keyed(rig) == keys
+    press("discard_retarget")
+    assert rig.animation_data.action is None and action in [*bpy.data.actions]
+
+
+@pytest.mark.parametrize("with_action", [True, False])
+def test_discarded_a_preview_leaves_action_pose_and_switches_as_they_were(shown, tmp_path, with_action):
+    rig, solver, _ = leg_by_ik()
+    rig.pose.bones["control"].location.x = 3
+    rig.pose.bones[MIXAMO["head"]].rotation_quaternion = turned = 0.8, 0.6, 0, 0
+    if with_action:
+        rig.animation_data_create().action = bpy.data.actions.new("mine")
+        rig.keyframe_insert("location", frame=1)
+    retargeted(rig)
+    rig.mocap_autolabel.keep_hands = True
+    assert solver.influence == 0
+    name, solver = rig.name, solver.path_from_id("influence")
+    reopen(tmp_path / "mine.blend")
+    bpy.context.view_layer.objects.active = rig = bpy.data.objects[name]
+    rig.mocap_autolabel.bones["head"].bone = ""
+    press("discard_retarget")
+    action = rig.animation_data.action
+    assert [one for one in bpy.data.actions if "mine" in one.name or "retargeted" in one.name] == [action] * with_action
+    assert not with_action or rig.animation_data.action_slot == action.slots[0]
+    assert rig.path_resolve(solver) == 1 and rig.pose.bones["control"].location.x == 3
+    np.testing.assert_allclose(rig.pose.bones[MIXAMO["head"]].rotation_quaternion, turned)
+
+
+def test_undo_takes_a_choice_back_with_what_followed_it_and_a_bake(shown):
+    rig = mixamo()
+    name, keys = rig.name, []
+
+    def step(done):
+        done()
+        bpy.ops.ed.undo_push(message="step")
+        keys.append(keyed(bpy.data.objects[name]))
+
+    bpy.ops.ed.undo_push(message="before")
+    step(lambda: retargeted(rig))
+    step(lambda: setattr(rig.mocap_autolabel, "keep_feet", True))
+    step(lambda: press("bake_retarget"))
+    step(lambda: retargeted(rig, feet=False))
+    step(lambda: press("discard_retarget"))
+    assert keys[0] != keys[1] == keys[2] == keys[4]
+    for number in (3, 2, 1, 0):
+        bpy.ops.ed.undo()
+        rig = bpy.data.objects[name]
+        assert keyed(rig) == keys[number]
+        assert (ours("scene.rig_preview").preview_on(rig) is None) == (number == 2)
+
+
+def test_undone_a_correction_that_was_followed_a_moment_later_leaves_the_rig_as_before(shown, monkeypatch):
+    rig, reposing = mixamo(), ours("ops.reposing")
+    name, follow_soon = rig.name, reposing.follow_soon
+    retargeted(rig)
+    before = keyed(rig)
+    bpy.ops.ed.undo_push(message="before")
+    monkeypatch.setattr(ours("ops.correcting"), "follow_soon", lambda **_: None)  # no time yet, as in a window
+    swap()
+    bpy.ops.ed.undo_push(message="swap")
+    assert keyed(rig) == before
+    follow_soon()
+    followed = keyed(rig)
+    assert followed != before
+    for step, keys in ((bpy.ops.ed.undo, before), (bpy.ops.ed.redo, followed)) * 2:
+        step()
+        now = keyed(bpy.data.objects[name])
+        assert now.keys() == keys.keys()
+        np.testing.assert_allclose([*now.values()], [*keys.values()], atol=1e-4)
 
 
 def test_a_corrected_bone_stays_and_undo_takes_the_action_away(shown):

@@ -190,6 +190,16 @@ def test_a_take_of_a_set_of_ones_own_is_named_after_three_clicks(watch, tmp_path
     print(f"| a set of one's own, learned before | 3 | {seen['seconds']:.0f} |")
 
 
+def test_a_rig_follows_choices_corrections_and_undo_until_it_is_baked(watch, tmp_path):
+    seen = walked(watch, "rig", tmp_path)
+    first, feet, corrected = seen["retargeted"], seen["feet left"], seen["corrected"]
+    assert first[:2] == ["walk retargeted", True] and feet[:2] == corrected[:2] == ["walk retargeted", False]
+    assert len({first[2], feet[2], corrected[2]}) == 3
+    back = [seen[f"{key} {number}"] for number, key in enumerate(["undo"] * 3 + ["redo"] * 3 + ["undo", "redo"])]
+    assert back == [feet, first, None, first, feet, corrected, feet, corrected]
+    assert seen["baked"] == seen["reopened"] == ["walk on Hero", False, corrected[2]]
+
+
 def test_a_second_person_comes_from_a_file_to_a_rig_without_a_detour(watch, tmp_path):
     seen = walked(watch, "trial", tmp_path)
     assert seen["tab"] == "Mocap" and seen["wrong"] and seen["mended"] and seen["time is kept"]

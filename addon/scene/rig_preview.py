@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A rig's action of the active take is a preview until it is baked: made again of another body, bones or choices."""
+
+import json
+from contextlib import suppress
+
+import bpy
+
+from ..core.data.errors import InputError
+from .clock import refresh_frame
+from .opened import opened
+from .ownership import is_made_for, role_of
+from .performers import Performer, homes
+from .retargeting import PREVIEW, follow_actions, is_ours, is_rig, pose_bones, preview_on, retarget_take
+from .stored import Stored, alone
+from .take import is_take
+
+
+def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object) -> bpy.types.Action:
+    """Gives a rig the preview of the active take, by the bones and with the choices that it keeps."""
+    own, (stored, performer, home) = rig.mocap_autolabel, _chosen(context, rig)
+    action = retarget_take(context, rig, home, alone(stored, performer), matched_in(rig), own.keep_feet, own.keep_hands)
+    action[PREVIEW]["of"] = _made_of(rig, stored)
+    return action
+
+
+def matched_in(rig: bpy.types.Object) -> dict[str, str]:
+    """The bones that are chosen for a rig, by the parts that they are."""
+    return {row.name: row.bone for row in rig.mocap_autolabel.bones if row.bone}
+
+
+def _chosen(context: bpy.types.Context, rig: bpy.types.Object) -> tuple[Stored, Performer, bpy.types.Collection]:
+    """The active take, and whose motion of it a rig gets, with the collection of that."""
+    name, collection = rig.mocap_autolabel.performer, context.scene.mocap_autolabel.take
+    stored = opened.take(collection, context.scene)
+    performer = next((one for one in stored.performers if one.name == name), stored.performers[0])
+    return stored, performer, homes(collection).get(performer.name, collection)
+
+
+def _made_of(rig: bpy.types.Object, stored: Stored) -> str:
+    own = rig.mocap_autolabel
+    return json.dumps([matched_in(rig), own.keep_feet, own.keep_hands, stored.body_digest], sort_keys=True)
+
+
+def is_left_behind(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
+    """Whether a rig's preview of the active take was made of another body, bones or choices."""
+    action = preview_on(rig)
+    if action is None or not is_take(context.scene.mocap_autolabel.take):
+        return False
+    stored, _, home = _chosen(context, rig)
+    return is_made_for(action, home) and action[PREVIEW].get("of") != _made_of(rig, stored)
+
+
+def follow_rigs_soon(_settings, _context):
+    """Lets previews follow, at once all that is chosen together; without a window each choice."""
+    if bpy.app.background:
+        follow_rigs()
+    elif not bpy.app.timers.is_registered(follow_rigs):
+        bpy.app.timers.register(follow_rigs, first_interval=0.0)
+
+
+def follow_rigs():
+    """Makes previews of the active take again that are left behind, but one that cannot be or that a person changed."""
+    context = bpy.context
+    for rig in [one for one in context.scene.objects if is_rig(one) and one.mode in ("OBJECT", "POSE")]:
+        if is_left_behind(context, rig) and is_ours(rig):
+            with suppress(InputError):
+                retarget_rig(context, rig)
+
+
+def bake(rig: bpy.types.Object):
+    """Makes the preview of a rig a person's own action, which is kept in the file."""
+    action = rig.animation_data.action
+    if is_ours(rig):  # else it may have a person's name
+        action.name = role_of(action).rpartition("\n")[2] + f" on {rig.name}"
+    del action[PREVIEW]
+    action.use_fake_user = True
+
+
+def discard(context: bpy.types.Context, rig: bpy.types.Object):
+    """Puts back what a rig had before its preview: action, pose and switches. One that a person changed is kept."""
+    data, action, ours = rig.animation_data, rig.animation_data.action, is_ours(rig)
+    before = action[PREVIEW].to_dict()
+    data.action = before.get("action")
+    if data.action is not None:
+        data.action_slot = next((one for one in data.action.slots if one.handle == before["slot"]), None)
+    if ours:
+        bpy.data.actions.remove(action)
+    else:
+        del action[PREVIEW]
+        action.use_fake_user = True
+    pose_bones(rig, json.loads(before["posed"]))
+    follow_actions()
+    refresh_frame(context.scene)
