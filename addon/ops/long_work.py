@@ -94,9 +94,9 @@ class LongWork(Ours):
 
     @reports_trouble
     def _begin(self, context) -> set[str]:
-        manager = context.window_manager
-        if manager.mocap_autolabel.doing:
-            words = f"{manager.mocap_autolabel.doing.split(':')[0].lower()} goes on"
+        going_on = context.window_manager.mocap_autolabel.doing.split(":")[0]
+        if going_on := going_on or next((kind.doing for kind, noted in _left if noted["_found"] is None), ""):
+            words = f"{going_on.lower()} goes on"
             raise InputError(f"{words}; expected it to come to its end first, or to be cancelled")
         self._worker, self._scene = hand_over(self.asked(context)), context.scene.session_uid
         self._began, self._found = perf_counter(), None
@@ -122,7 +122,7 @@ class LongWork(Ours):
                 return {"RUNNING_MODAL"}  # it asks
         if state.cancelled:
             self._end(context)
-            if self._worker.busy:
+            if self._found is None:
                 end_process()
             self.report({"INFO"}, f"{self.doing} was cancelled")
             return {"CANCELLED"}
@@ -167,7 +167,9 @@ class LongWork(Ours):
         return self._show(context, self._found)
 
     def cancel(self, context):
-        """Another file is opened, or the window is closed: whoever is there then takes the work up."""
+        """Another file is opened, or the window is closed: whoever is there then takes the work up, once begun."""
+        if self._timer is None:
+            return  # Blender asks for a file still
         self._give_back(context)
         if scene := scene_of(vars(self)):
             self._file, self._scene_name = bpy.data.filepath, scene.name

@@ -6,7 +6,7 @@ labels and file alone, whatever was undone, saved or labelled in between. Keys a
 their own, so an action says whose poses it shows.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import fields, replace
 
 import bpy
@@ -27,18 +27,23 @@ HALF_KEYED = "half keyed"  # what an action says whose keys are not all of one b
 
 def is_out_of_date(collection: bpy.types.Collection, stored: Stored) -> bool:
     """Whether the body that is shown is another than the labels and the smoothing of a take, as they are now, make."""
-    shown = (action[SHOWN_BODY] for action in _actions(collection).values())
-    return bool(stored.stale.any()) or any(digest != stored.body_digest for digest in shown)
+    if stored.stale.any():
+        return True
+    others = (armature for _, armature, action in _given(collection) if action[SHOWN_BODY] != stored.body_digest)
+    return any(map(ownership.is_keyed_by_us, others))  # which takes too long for each time that a panel is drawn
+
+
+def _given(collection: bpy.types.Collection) -> Iterator[tuple[str, bpy.types.Object, bpy.types.Action]]:
+    """The performers whose armatures have the actions that they were given, and both."""
+    for name, armature in armatures_of(collection):
+        action = None if armature.animation_data is None else armature.animation_data.action
+        if action is not None and SHOWN_BODY in action:
+            yield name, armature, action
 
 
 def _actions(collection: bpy.types.Collection) -> dict[str, bpy.types.Action]:
-    """The actions that the armatures of a take were given, by performer, but those that a person changed."""
-    found = {}
-    for name, armature in armatures_of(collection):
-        action = None if armature.animation_data is None else armature.animation_data.action
-        if action is not None and SHOWN_BODY in action and ownership.is_keyed_by_us(armature):
-            found[name] = action
-    return found
+    """The same actions by performer, but those that a person changed."""
+    return {name: action for name, armature, action in _given(collection) if ownership.is_keyed_by_us(armature)}
 
 
 def lacks_to_repose(context: bpy.types.Context, collection: bpy.types.Collection) -> str:

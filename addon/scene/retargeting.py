@@ -24,7 +24,7 @@ from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
 from .clock import fps_of, refresh_frame
 from .ik_controls import Along, carriers_of, controls_by_ik, loose_bones
-from .ownership import curves_of, is_keyed_by_us, is_made_for, is_untouched, sign
+from .ownership import changed_by_us, curves_of, is_keyed_by_us, is_made_for, is_untouched, sign
 from .roots import is_even
 from .stored import Stored
 
@@ -188,9 +188,14 @@ def checked(
         raise InputError(f"{rig.name} hangs on {moving.name}, which is animated; expected it on what stands still")
     if rig.hide_viewport:
         raise InputError(f"{rig.name} is disabled in viewports; expected it enabled, in the Outliner")
+    refuse_tweaking(rig)
+    return bones, place
+
+
+def refuse_tweaking(rig: bpy.types.Object):
+    """InputError where the action of a rig is one of a strip, which no other can take the place of."""
     if rig.animation_data is not None and rig.animation_data.use_tweak_mode:
         raise InputError(f"a strip of {rig.name} is in tweak mode; expected you to leave that, with Tab in the editor")
-    return bones, place
 
 
 def pose_bones(rig: bpy.types.Object, channels: Mapping[str, Sequence]):
@@ -457,7 +462,8 @@ def _own_action(
     if preview_on(rig) is None or not (is_made_for(action, collection) and is_ours(rig)):
         before = {} if action is None else {"action": action, "slot": data.action_slot_handle}
         if action is not None:
-            action.use_fake_user = True
+            with changed_by_us(action):  # a preview of another take is one still
+                action.use_fake_user = True
         data.action = action = bpy.data.actions.new(f"{name} retargeted")
         action[PREVIEW] = before | {"posed": "{}"}
     action[PREVIEW]["posed"] = json.dumps(channels | json.loads(action[PREVIEW]["posed"]))

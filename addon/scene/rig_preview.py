@@ -11,7 +11,16 @@ from .clock import refresh_frame
 from .opened import opened
 from .ownership import is_made_for, role_of
 from .performers import Performer, homes
-from .retargeting import PREVIEW, follow_actions, is_ours, is_rig, pose_bones, preview_on, retarget_take
+from .retargeting import (
+    PREVIEW,
+    follow_actions,
+    is_ours,
+    is_rig,
+    pose_bones,
+    preview_on,
+    refuse_tweaking,
+    retarget_take,
+)
 from .stored import Stored, alone
 from .take import is_take
 
@@ -79,6 +88,7 @@ def bake(rig: bpy.types.Object):
 
 def discard(context: bpy.types.Context, rig: bpy.types.Object):
     """Puts back what a rig had before its preview: action, pose and switches. One that a person changed is kept."""
+    refuse_tweaking(rig)
     data, action, ours = rig.animation_data, rig.animation_data.action, is_ours(rig)
     before = action[PREVIEW].to_dict()
     data.action = before.get("action")

@@ -87,16 +87,14 @@ class Here:
     """Work that is done by this process, a step at each look."""
 
     def __init__(self, work, trouble):
-        self.steps, self.trouble, self.share, self.busy = work(), trouble, 0.0, True
+        self.steps, self.trouble, self.share = work(), trouble, 0.0
 
     def look(self):
         try:
             self.share = next(self.steps).fraction
         except StopIteration as done:
-            self.busy = False
             return done.value
         except self.trouble as error:
-            self.busy = False
             return error
 
 
@@ -464,9 +462,32 @@ def test_work_goes_on_as_another_file_is_opened_and_is_shown_in_its_own(labellin
     assert not told and not long_work._left
 
 
-def test_work_whose_window_is_closed_goes_on_in_another(labelling, in_fives, window, opens):
+def test_a_file_dialog_that_is_closed_was_no_work(labelling, window):
+    window.operator.cancel(window.context)
+    assert not labelling.long_work._left
+    assert taken(window.manager) == (0, 0)
+
+
+def test_a_result_that_is_thrown_away_ends_no_process_which_may_be_at_other_work(
+    labelling, in_fives, window, monkeypatch
+):
+    operator, context, ended = window.operator, window.context, []
+    monkeypatch.setattr(labelling.long_work, "end_process", lambda: ended.append(True))
+    assert operator._begin(context) == {"RUNNING_MODAL"}
+    context.scene = bpy.data.scenes.new("Other")
+    assert operator.run(context, lambda: operator._found is None) == {"RUNNING_MODAL"}
+    press("cancel")
+    assert operator.tick(context) == {"CANCELLED"}
+    assert not ended
+
+
+def test_work_whose_window_is_closed_goes_on_in_another_before_any_is_begun(labelling, in_fives, window, opens):
     assert window.operator._begin(window.context) == {"RUNNING_MODAL"}
-    elsewhere, told = opens(CLOSES, going_on=window.operator)
+    window.operator.cancel(window.context)
+    other = Modal(labelling.module)
+    assert other._begin(window.context) == {"CANCELLED"}
+    assert "labelling goes on; expected" in other.reports[0][1]
+    elsewhere, told = opens(CLOSES)
     assert elsewhere.run(window.context) == {"FINISHED"}
     assert not told
 

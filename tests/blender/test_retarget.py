@@ -700,6 +700,30 @@ def test_discarded_a_preview_leaves_action_pose_and_switches_as_they_were(shown,
     np.testing.assert_allclose(rig.pose.bones[MIXAMO["head"]].rotation_quaternion, turned)
 
 
+def test_a_preview_in_a_strip_that_is_tweaked_cannot_be_discarded(shown):
+    rig = mixamo()
+    action, data = retargeted(rig), rig.animation_data
+    track = data.nla_tracks.new()
+    track.strips.new("strip", 1, action)
+    data.action, data.nla_tracks.active = None, track
+    data.use_tweak_mode = True
+    refused("a strip of rig is in tweak mode; expected", "discard_retarget")
+    assert data.action == action
+
+
+def test_a_preview_of_one_take_follows_again_once_that_of_another_is_discarded(shown, made):
+    rig, settings = mixamo(), bpy.context.scene.mocap_autolabel
+    action, first = retargeted(rig), settings.take
+    other = replace(made.take(24, markerset=open_markerset("body26")), rate=60.0, name="other")
+    settings.take = takes.show_take(bpy.context, other)
+    assert retargeted(rig) != action
+    settings.take = first
+    press("discard_retarget")
+    keys = keyed(rig)
+    rig.mocap_autolabel.keep_hands = True
+    is_new(rig, keys, action)
+
+
 def test_undo_takes_a_choice_back_with_what_followed_it_and_a_bake(shown):
     rig = mixamo()
     name, keys = rig.name, []
