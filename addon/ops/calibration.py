@@ -16,7 +16,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.cameras import show_refined
 from .base import once, unless
 from .importing import lacks_cameras
-from .long_work import LongWork
+from .long_work import LongWork, known_by
 
 ENDING = ".refined.toml"
 BLOBS_FIRST = "Open the blobs first: the cameras are refined by them"
@@ -39,7 +39,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(LongWork, bpy.types.Operator):
 
     def asked(self, context):
         settings, path = context.scene.mocap_autolabel, self.filepath
-        self._of = {settings.source.cameras.session_uid, settings.source.cameras.name}
+        self._of = known_by(settings.source.cameras)
         source = Path(bpy.path.abspath(settings.source.blobs_path))
         job = RefineJob(
             source=source,
@@ -61,7 +61,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(LongWork, bpy.types.Operator):
             self.report({"INFO"}, f"Nothing to refine: {_worst(report)}")
             return
         source = scene.mocap_autolabel.source
-        if source.cameras is None or self._of.isdisjoint({source.cameras.session_uid, source.cameras.name}):
+        if source.cameras is None or self._of.isdisjoint(known_by(source.cameras)):
             words = f"other cameras are chosen than those that were refined, which are in {Path(report['out']).name}"
             raise InputError(f"{words}; expected them to stay, so import that file")
         source.cameras = show_refined(scene, source.cameras, cameras, report)

@@ -29,7 +29,7 @@ from ..scene.take import is_take, show_edits
 from .base import OfTake, once, operator, taken, takes_of_file, unless
 from .correcting import selected_markers
 from .listing import refuse_other_lists
-from .long_work import LongWork
+from .long_work import LongWork, known_by
 from .reposing import follow_soon
 
 EXTENTS = (
@@ -92,13 +92,13 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         named = tuple(stored.words[name] for name in self.markers.splitlines() if name in stored.words)
         markers = named or wanted_markers(context, stored, self.extent)
         options = FillOptions(settings.filling.method, longest, markers, frame)
-        self._of = {settings.take.session_uid, settings.take.name}
+        self._of = known_by(settings.take)
         subjects = [subject_of(context, stored, one, options.method) for one in stored.performers]
         return partial(fill_subjects, stored.unfilled.markers, stored.rate, options, subjects, _rays(stored))
 
     def _show(self, context, filled: FilledTake) -> set[str]:
         settings = context.scene.mocap_autolabel
-        if not is_take(settings.take) or self._of.isdisjoint({settings.take.session_uid, settings.take.name}):
+        if not is_take(settings.take) or self._of.isdisjoint(known_by(settings.take)):
             raise InputError("another take is shown than the one whose gaps were filled; expected it to stay")
         stored = opened.take(settings.take, context.scene)
         if not filled.gaps and not filled.left:

@@ -223,6 +223,11 @@ def scene_of(noted: dict[str, Any]) -> bpy.types.Scene | None:
     return bpy.data.scenes.get(noted["_scene_name"]) if again else found
 
 
+def known_by(block: bpy.types.ID) -> set[int | str]:
+    """What a block of data is known by: its number in this session, and its name where its file is opened again."""
+    return {block.session_uid, block.name}
+
+
 def take_up_soon():
     """Looks for work to take up once the file that is being opened is open."""
     if _left and not bpy.app.timers.is_registered(take_up):

@@ -82,6 +82,11 @@ def bake(rig: bpy.types.Object):
     action = rig.animation_data.action
     if is_ours(rig):  # else it may have a person's name
         action.name = role_of(action).rpartition("\n")[2] + f" on {rig.name}"
+    _give(action)
+
+
+def _give(action: bpy.types.Action):
+    """Leaves an action to a person, kept in the file."""
     del action[PREVIEW]
     action.use_fake_user = True
 
@@ -97,8 +102,7 @@ def discard(context: bpy.types.Context, rig: bpy.types.Object):
     if ours:
         bpy.data.actions.remove(action)
     else:
-        del action[PREVIEW]
-        action.use_fake_user = True
+        _give(action)
     pose_bones(rig, json.loads(before["posed"]))
     follow_actions()
     refresh_frame(context.scene)
