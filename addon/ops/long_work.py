@@ -18,7 +18,7 @@ import bpy
 from ..core.data.errors import InputError, UserError
 from ..core.data.progress import finished
 from ..io.scratch import scratch_folder
-from ..scene.redrawing import redraw
+from ..scene.later import redraw, soon
 from .base import Ours, reports_trouble, unless
 from .gestures import is_over
 
@@ -230,8 +230,8 @@ def known_by(block: bpy.types.ID) -> set[int | str]:
 
 def take_up_soon():
     """Looks for work to take up once the file that is being opened is open."""
-    if _left and not bpy.app.timers.is_registered(take_up):
-        bpy.app.timers.register(take_up, persistent=True)
+    if _left:
+        soon(take_up, persistent=True)
 
 
 def take_up() -> float | None:

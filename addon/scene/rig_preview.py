@@ -8,6 +8,7 @@ import bpy
 
 from ..core.data.errors import InputError
 from .clock import refresh_frame
+from .later import soon
 from .opened import opened
 from .ownership import is_made_for, role_of
 from .performers import Performer, homes
@@ -62,10 +63,7 @@ def is_left_behind(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
 
 def follow_rigs_soon(_settings, _context):
     """Lets previews follow, at once all that is chosen together; without a window each choice."""
-    if bpy.app.background:
-        follow_rigs()
-    elif not bpy.app.timers.is_registered(follow_rigs):
-        bpy.app.timers.register(follow_rigs, first_interval=0.0)
+    soon(follow_rigs)
 
 
 def follow_rigs():

@@ -428,6 +428,7 @@ def opens(labelling, window, monkeypatch):
     there.context, there.data, there.app.background = bpy.context, bpy.data, False
     there.ops.mocap_autolabel.label = lambda _: taken_up[-1].execute(window.context)
     monkeypatch.setattr(labelling.long_work, "bpy", there)
+    monkeypatch.setattr(labelling.long_work, "soon", lambda *_, **__: None)
     monkeypatch.setattr(labelling.long_work, "_pop_up", told.append)
 
     def opens(path, going_on=None):
@@ -704,6 +705,25 @@ def test_a_register_that_fails_leaves_nothing(extension, monkeypatch):
     assert everything() == before
     monkeypatch.undo()
     addon_utils.enable(extension, default_set=True)
+
+
+def test_what_is_asked_for_soon_is_done_once_however_often_and_without_a_window_at_once(extension, monkeypatch):
+    later, calls, there = ours("scene.later"), [], MagicMock()
+
+    def done():
+        calls.append(True)
+
+    later.soon(done, 60)
+    assert calls == [True]
+    there.app.background, there.app.timers = False, bpy.app.timers
+    monkeypatch.setattr(later, "bpy", there)
+    for _ in range(2):
+        later.soon(done, 60)
+    assert calls == [True]
+    assert bpy.app.timers.is_registered(done)
+    for _ in range(2):
+        later.never(done)
+    assert not bpy.app.timers.is_registered(done)
 
 
 def test_enabling_imports_neither_scipy_nor_the_command_line(extension):
