@@ -463,6 +463,32 @@ def test_work_goes_on_as_another_file_is_opened_and_is_shown_in_its_own(labellin
     assert not told and not long_work._left
 
 
+def test_what_is_done_for_a_file_that_was_moved_can_be_given_up(labelling, in_fives, window, opens, tmp_path):
+    path, context, long_work = tmp_path / "walk.blend", window.context, labelling.long_work
+    assert window.operator._begin(context) == {"RUNNING_MODAL"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    elsewhere, _ = opens(NEW, going_on=window.operator)
+    assert elsewhere.run(context) == {"CANCELLED"}
+    going_on = Modal, {"_found": None, "_file": str(path)}
+    long_work._left.append(going_on)
+    press("give_up_done", file="/nowhere.blend")
+    assert list(long_work.done_elsewhere()) == [("Labelling", str(path))]
+    press("give_up_done", file=str(path))
+    assert long_work._left == [going_on], "what goes on can be cancelled"
+    long_work._left.clear()
+
+
+def test_work_whose_scene_was_deleted_before_another_file_was_opened_says_so(
+    ready, labelling, in_fives, window, opens, tmp_path
+):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "walk.blend"))
+    assert window.operator._begin(window.context) == {"RUNNING_MODAL"}
+    bpy.data.scenes.new("Other")
+    bpy.data.scenes.remove(ready.scene)
+    _, told = opens(NEW, going_on=window.operator)
+    assert told == ["Labelling was given up, as its scene is gone"]
+
+
 def test_a_file_dialog_that_is_closed_was_no_work(labelling, window):
     window.operator.cancel(window.context)
     assert not labelling.long_work._left
