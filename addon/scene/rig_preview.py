@@ -104,3 +104,22 @@ def discard(context: bpy.types.Context, rig: bpy.types.Object):
     pose_bones(rig, json.loads(before["posed"]))
     follow_actions()
     refresh_frame(context.scene)
+    below = preview_on(rig)
+    if below is not None and not any(is_made_for(below, one) for one in bpy.data.collections):
+        _leave(context, rig)
+
+
+def leave_take(context: bpy.types.Context, collection: bpy.types.Collection):
+    """Has the rigs of the scene go without a take that is to be removed."""
+    for rig in filter(is_rig, context.scene.objects):
+        action = preview_on(rig)
+        if action is not None and is_made_for(action, collection):
+            _leave(context, rig)
+
+
+def _leave(context: bpy.types.Context, rig: bpy.types.Object):
+    """Discards the preview of a rig whose take goes; one that a person changed stays on the rig, as baked."""
+    if is_ours(rig):
+        discard(context, rig)
+    else:
+        bake(rig)
