@@ -465,7 +465,9 @@ class RigSettings(bpy.types.PropertyGroup):
     """How the motion of takes comes onto a rig: `Object.mocap_autolabel`."""
 
     bones: CollectionProperty(type=RigBoneRow, override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"})
-    performer: EnumProperty(name="Performer", description="Whose motion the rig gets", items=_performer_items)
+    performer: EnumProperty(
+        name="Performer", description="Whose motion the rig gets", items=_performer_items, update=follow_rigs_soon
+    )
     keep_feet: BoolProperty(
         name="Keep Feet",
         description="Bend the legs so that feet do not slide while they are planted",

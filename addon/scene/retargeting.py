@@ -24,7 +24,7 @@ from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
 from .clock import fps_of, refresh_frame
 from .ik_controls import Along, carriers_of, controls_by_ik, loose_bones
-from .ownership import changed_by_us, curves_of, is_keyed_by_us, is_made_for, is_untouched, sign
+from .ownership import changed_by_us, curves_of, is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .roots import is_even
 from .stored import Stored
 
@@ -84,7 +84,7 @@ def retarget_take(
         motion = joints[there[0] : there[-1] + 1], rotated[there[0] : there[-1] + 1]
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
         channels = [(*channel, values[there - there[0]]) for *channel, values in ready.channels(*moved)]
-    action = _own_action(rig, collection, stored.name, ready.before.channels)
+    action = _own_action(rig, context.scene.mocap_autolabel.take, stored.name, ready.before.channels)
     clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
     bag, frames = animation.channels(rig, action), clock.shown(stored.motion.frames)[there]
     bag.fcurves.clear()
@@ -451,21 +451,23 @@ def _set(rig: bpy.types.Object, path: str, value: float):
 
 
 def _own_action(
-    rig: bpy.types.Object, collection: bpy.types.Collection, name: str, channels: Mapping[str, list]
+    rig: bpy.types.Object, take: bpy.types.Collection, name: str, channels: Mapping[str, list]
 ) -> bpy.types.Action:
-    """The preview that a rig has of the same, else a new one beside what it has.
+    """The preview that a rig has of the same take, else a new one beside what it has; `name` is whose motion it gets.
 
     It notes what is there without it: an action, and the `channels` of the bones that it moves.
     """
     data = rig.animation_data_create()
     action = data.action
-    if preview_on(rig) is None or not (is_made_for(action, collection) and is_ours(rig)):
+    if preview_on(rig) is None or not (is_made_for(action, take) and is_ours(rig)):
         before = {} if action is None else {"action": action, "slot": data.action_slot_handle}
         if action is not None:
             with changed_by_us(action):  # a preview of another take is one still
                 action.use_fake_user = True
         data.action = action = bpy.data.actions.new(f"{name} retargeted")
         action[PREVIEW] = before | {"posed": "{}"}
+    elif not role_of(action).endswith(f"\n{name}"):  # of another performer
+        action.name = f"{name} retargeted"
     action[PREVIEW]["posed"] = json.dumps(channels | json.loads(action[PREVIEW]["posed"]))
     return action
 

@@ -54,11 +54,11 @@ def _made_of(rig: bpy.types.Object, stored: Stored) -> str:
 
 def is_left_behind(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
     """Whether a rig's preview of the active take was made of another body, bones or choices."""
-    action = preview_on(rig)
-    if action is None or not is_take(context.scene.mocap_autolabel.take):
+    action, take = preview_on(rig), context.scene.mocap_autolabel.take
+    if action is None or not is_take(take) or not is_made_for(action, take):
         return False
     stored, _, home = _chosen(context, rig)
-    return is_made_for(action, home) and action[PREVIEW].get("of") != _made_of(rig, stored)
+    return not is_made_for(action, home) or action[PREVIEW].get("of") != _made_of(rig, stored)
 
 
 def follow_rigs_soon(_settings, _context):

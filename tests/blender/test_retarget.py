@@ -590,6 +590,24 @@ def test_of_several_performers_one_moves_the_rig(empty, made, extension):
     assert apart[0] @ apart[1] > 0.99 * np.linalg.norm(apart[0]) * np.linalg.norm(apart[1])
 
 
+def test_a_preview_follows_whose_motion_the_rig_gets(empty, made, extension):
+    take = made.pair(12, markerset=open_markerset("body26"))
+    settings = bpy.context.scene.mocap_autolabel
+    settings.take = takes.show_take(bpy.context, take)
+    rig = mixamo()
+    action = retargeted(rig, performer="ann")
+    keys = {"ann": keyed(rig)}
+    rig.mocap_autolabel.performer = "bob"
+    keys["bob"] = is_new(rig, keys["ann"], action)
+    assert action.name == "duet bob retargeted"
+    rig.mocap_autolabel.performer = "ann"
+    assert keyed(rig) == keys["ann"]
+    press("bake_retarget")
+    rig.mocap_autolabel.performer = "bob"
+    assert keyed(rig) == keys["ann"]
+    assert action.name == "duet ann on rig"
+
+
 def test_what_a_person_made_is_kept_and_what_was_retargeted_replaced(shown):
     rig = add_rig(rig_bones(), MIXAMO)
     own = bpy.data.actions.new("mine")
