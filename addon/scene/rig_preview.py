@@ -27,11 +27,24 @@ from .take import is_take
 
 
 def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object) -> bpy.types.Action:
-    """Gives a rig the preview of the active take, by the bones and with the choices that it keeps."""
+    """Gives a rig the preview of the active take, the one that it has where nobody changed that."""
+    again = _has_preview(context, rig) and is_ours(rig)
+    return _made(context, rig, rig.animation_data.action if again else None)
+
+
+def _made(context: bpy.types.Context, rig: bpy.types.Object, again: bpy.types.Action | None) -> bpy.types.Action:
+    """The preview of the active take by the bones and with the choices that a rig keeps: a new one, or one `again`."""
     own, (stored, performer, home) = rig.mocap_autolabel, _chosen(context, rig)
-    action = retarget_take(context, rig, home, alone(stored, performer), matched_in(rig), own.keep_feet, own.keep_hands)
+    choices = matched_in(rig), own.keep_feet, own.keep_hands
+    action = retarget_take(context, rig, home, alone(stored, performer), *choices, again)
     action[PREVIEW]["of"] = _made_of(rig, stored)
     return action
+
+
+def _has_preview(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
+    """Whether a rig has a preview of the active take, which may not be of the performer that is chosen now."""
+    action, take = preview_on(rig), context.scene.mocap_autolabel.take
+    return action is not None and is_take(take) and is_made_for(action, take)
 
 
 def matched_in(rig: bpy.types.Object) -> dict[str, str]:
@@ -54,10 +67,9 @@ def _made_of(rig: bpy.types.Object, stored: Stored) -> str:
 
 def is_left_behind(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
     """Whether a rig's preview of the active take was made of another body, bones or choices."""
-    action, take = preview_on(rig), context.scene.mocap_autolabel.take
-    if action is None or not is_take(take) or not is_made_for(action, take):
+    if not _has_preview(context, rig):
         return False
-    stored, _, home = _chosen(context, rig)
+    action, (stored, _, home) = rig.animation_data.action, _chosen(context, rig)
     return not is_made_for(action, home) or action[PREVIEW].get("of") != _made_of(rig, stored)
 
 
@@ -72,7 +84,7 @@ def follow_rigs():
     for rig in [one for one in context.scene.objects if is_rig(one) and one.mode in ("OBJECT", "POSE")]:
         if is_left_behind(context, rig) and is_ours(rig):
             with suppress(InputError):
-                retarget_rig(context, rig)
+                _made(context, rig, rig.animation_data.action)
 
 
 def bake(rig: bpy.types.Object):
