@@ -119,11 +119,8 @@ def follow_soon(seen: bool = False):
 
     With `seen` the body of the current frame is there before anything is drawn: no redraw is waited for.
     """
-    if bpy.app.background:
-        if is_behind(bpy.context) and not _lacking(bpy.context):
-            follow_now(bpy.context)
-        follow_rigs()
-        return
+    if bpy.app.background and is_behind(bpy.context) and not _lacking(bpy.context):
+        follow_now(bpy.context)
     if seen:
         _follow()
     soon(_follow)

@@ -26,25 +26,23 @@ from .stored import Stored, alone
 from .take import is_take
 
 
-def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object) -> bpy.types.Action:
-    """Gives a rig the preview of the active take, the one that it has where nobody changed that."""
-    again = _has_preview(context, rig) and is_ours(rig)
-    return _made(context, rig, rig.animation_data.action if again else None)
+def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object, ours: bool = False) -> bpy.types.Action:
+    """Gives a rig the preview of the active take, by the bones and with the choices that it keeps.
 
-
-def _made(context: bpy.types.Context, rig: bpy.types.Object, again: bpy.types.Action | None) -> bpy.types.Action:
-    """The preview of the active take by the bones and with the choices that a rig keeps: a new one, or one `again`."""
+    That is the one that it has where nobody changed it, which is looked at unless it is known to be `ours`.
+    """
     own, (stored, performer, home) = rig.mocap_autolabel, _chosen(context, rig)
-    choices = matched_in(rig), own.keep_feet, own.keep_hands
-    action = retarget_take(context, rig, home, alone(stored, performer), *choices, again)
+    again = _has_preview(rig, context.scene.mocap_autolabel.take) and (ours or is_ours(rig))
+    choices = matched_in(rig), own.keep_feet, own.keep_hands, rig.animation_data.action if again else None
+    action = retarget_take(context, rig, home, alone(stored, performer), *choices)
     action[PREVIEW]["of"] = _made_of(rig, stored)
     return action
 
 
-def _has_preview(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
-    """Whether a rig has a preview of the active take, which may not be of the performer that is chosen now."""
-    action, take = preview_on(rig), context.scene.mocap_autolabel.take
-    return action is not None and is_take(take) and is_made_for(action, take)
+def _has_preview(rig: bpy.types.Object, take: bpy.types.Collection) -> bool:
+    """Whether a rig has a preview of a take, of whichever performer."""
+    action = preview_on(rig)
+    return action is not None and is_made_for(action, take)
 
 
 def matched_in(rig: bpy.types.Object) -> dict[str, str]:
@@ -67,7 +65,8 @@ def _made_of(rig: bpy.types.Object, stored: Stored) -> str:
 
 def is_left_behind(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
     """Whether a rig's preview of the active take was made of another body, bones or choices."""
-    if not _has_preview(context, rig):
+    take = context.scene.mocap_autolabel.take
+    if not is_take(take) or not _has_preview(rig, take):
         return False
     action, (stored, _, home) = rig.animation_data.action, _chosen(context, rig)
     return not is_made_for(action, home) or action[PREVIEW].get("of") != _made_of(rig, stored)
@@ -84,7 +83,7 @@ def follow_rigs():
     for rig in [one for one in context.scene.objects if is_rig(one) and one.mode in ("OBJECT", "POSE")]:
         if is_left_behind(context, rig) and is_ours(rig):
             with suppress(InputError):
-                _made(context, rig, rig.animation_data.action)
+                retarget_rig(context, rig, ours=True)
 
 
 def bake(rig: bpy.types.Object):
@@ -116,22 +115,12 @@ def discard(context: bpy.types.Context, rig: bpy.types.Object):
     pose_bones(rig, json.loads(before["posed"]))
     follow_actions()
     refresh_frame(context.scene)
-    below = preview_on(rig)
-    if below is not None and not any(is_made_for(below, one) for one in bpy.data.collections):
-        _leave(context, rig)
 
 
-def leave_take(context: bpy.types.Context, collection: bpy.types.Collection):
-    """Has the rigs of the scene go without a take that is to be removed."""
-    for rig in filter(is_rig, context.scene.objects):
-        action = preview_on(rig)
-        if action is not None and is_made_for(action, collection):
-            _leave(context, rig)
-
-
-def _leave(context: bpy.types.Context, rig: bpy.types.Object):
-    """Discards the preview of a rig whose take goes; one that a person changed stays on the rig, as baked."""
-    if is_ours(rig):
-        discard(context, rig)
-    else:
-        bake(rig)
+def leave_take(context: bpy.types.Context, take: bpy.types.Collection):
+    """Discards the previews of a take that is to be removed; one that a person changed stays on its rig, as baked."""
+    for rig in [one for one in context.scene.objects if is_rig(one) and _has_preview(one, take)]:
+        if is_ours(rig):
+            discard(context, rig)
+        else:
+            bake(rig)

@@ -776,23 +776,6 @@ def test_a_preview_goes_with_its_take_and_what_is_baked_or_changed_by_hand_stays
     )
 
 
-@pytest.mark.parametrize("changed", [False, True])
-def test_under_the_preview_of_another_take_that_of_one_that_was_removed_goes_with_it(shown, made, changed):
-    rig, settings = mixamo(), bpy.context.scene.mocap_autolabel
-    action, first = retargeted(rig), settings.take
-    if changed:
-        ours("scene.ownership").curves_of(rig)[0].keyframe_points[0].co.y += 1  # by hand
-    other = replace(made.take(24, markerset=open_markerset("body26")), rate=60.0, name="other")
-    settings.take = second = takes.show_take(bpy.context, other)
-    above, settings.take = retargeted(rig), first
-    press("clear")
-    assert rig.animation_data.action == above
-    settings.take = second
-    press("discard_retarget")
-    assert rig.animation_data.action == (action if changed else None)
-    assert ours("scene.rig_preview").preview_on(rig) is None
-
-
 def test_undo_takes_a_choice_back_with_what_followed_it_and_a_bake(shown):
     rig = mixamo()
     name, keys = rig.name, []
