@@ -26,7 +26,7 @@ from .character import moving_in
 from .clock import fps_of, refresh_frame
 from .ik_controls import Along, carriers_of, controls_by_ik, loose_bones
 from .opened import opened
-from .ownership import changed_by_us, curves_of, is_keyed_by_us, is_untouched, sign
+from .ownership import changed_by_us, curves_of, is_keyed_by_us, is_made_for, is_untouched, sign
 from .roots import is_even
 from .stored import Stored
 
@@ -482,10 +482,11 @@ def _new_action(rig: bpy.types.Object) -> bpy.types.Action:
     return action
 
 
-def preview_on(rig: bpy.types.Object) -> bpy.types.Action | None:
-    """The action of a rig, where it is a preview."""
+def preview_on(rig: bpy.types.Object, take: bpy.types.Collection | None = None) -> bpy.types.Action | None:
+    """The action of a rig, where it is a preview, and where a take is given one of that, of whichever performer."""
     action = None if rig.animation_data is None else rig.animation_data.action
-    return action if action is not None and PREVIEW in action else None
+    is_preview = action is not None and PREVIEW in action
+    return action if is_preview and (take is None or is_made_for(action, take)) else None
 
 
 def is_ours(rig: bpy.types.Object) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A rig's action of the active take is a preview until it is baked: made again of another body, bones or choices."""
+"""A rig's action of the active take is a preview until it is baked: made again of another body, performer, bones or choices."""
 
 import json
 from contextlib import suppress
@@ -32,17 +32,12 @@ def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object, ours: bool =
     That is the one that it has where nobody changed it, which is looked at unless it is known to be `ours`.
     """
     own, (stored, performer, home) = rig.mocap_autolabel, _chosen(context, rig)
-    again = _has_preview(rig, context.scene.mocap_autolabel.take) and (ours or is_ours(rig))
-    choices = matched_in(rig), own.keep_feet, own.keep_hands, rig.animation_data.action if again else None
-    action = retarget_take(context, rig, home, alone(stored, performer), *choices)
+    before = preview_on(rig, context.scene.mocap_autolabel.take)
+    again = before if before is not None and (ours or is_ours(rig)) else None
+    choices = matched_in(rig), own.keep_feet, own.keep_hands
+    action = retarget_take(context, rig, home, alone(stored, performer), *choices, again)
     action[PREVIEW]["of"] = _made_of(rig, stored)
     return action
-
-
-def _has_preview(rig: bpy.types.Object, take: bpy.types.Collection) -> bool:
-    """Whether a rig has a preview of a take, of whichever performer."""
-    action = preview_on(rig)
-    return action is not None and is_made_for(action, take)
 
 
 def matched_in(rig: bpy.types.Object) -> dict[str, str]:
@@ -64,11 +59,12 @@ def _made_of(rig: bpy.types.Object, stored: Stored) -> str:
 
 
 def is_left_behind(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
-    """Whether a rig's preview of the active take was made of another body, bones or choices."""
+    """Whether a rig's preview of the active take was made of another body, performer, bones or choices."""
     take = context.scene.mocap_autolabel.take
-    if not is_take(take) or not _has_preview(rig, take):
+    action = preview_on(rig, take) if is_take(take) else None
+    if action is None:
         return False
-    action, (stored, _, home) = rig.animation_data.action, _chosen(context, rig)
+    stored, _, home = _chosen(context, rig)
     return not is_made_for(action, home) or action[PREVIEW].get("of") != _made_of(rig, stored)
 
 
@@ -119,7 +115,7 @@ def discard(context: bpy.types.Context, rig: bpy.types.Object):
 
 def leave_take(context: bpy.types.Context, take: bpy.types.Collection):
     """Discards the previews of a take that is to be removed; one that a person changed stays on its rig, as baked."""
-    for rig in [one for one in context.scene.objects if is_rig(one) and _has_preview(one, take)]:
+    for rig in [one for one in context.scene.objects if is_rig(one) and preview_on(one, take)]:
         if is_ours(rig):
             discard(context, rig)
         else:
