@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A rig's action of the active take is a preview until it is baked: made again of another body, performer, bones or choices."""
+"""A rig's action of the active take is a preview until it is baked: made again of another body, bones or choices."""
 
 import json
 from contextlib import suppress
