@@ -36,7 +36,7 @@ from tests.inputs.rigs import (
 )
 from tests.inputs.worn import with_fingers
 
-from .hands import add_object, choose, ours, press, refused, reopen
+from .hands import add_object, choose, only, ours, press, refused, reopen
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
@@ -689,6 +689,23 @@ def test_until_it_is_baked_an_action_follows_choices_bones_and_corrections(shown
     bpy.context.view_layer.objects.active = rig
     refused("Press Retarget first", "bake_retarget")
     assert retargeted(rig) != action
+
+
+def test_choices_work_with_the_settled_body_that_is_there_until_it_or_its_rest_is_another(shown, monkeypatch):
+    rig, moving, asked = mixamo(), ours("core.retarget.moving").Moving, []
+    settled = moving.settled
+    monkeypatch.setattr(moving, "settled", lambda body: asked.append(body) or settled(body))
+    retargeted(rig)
+    for wanted in (True, False):
+        rig.mocap_autolabel.keep_hands = wanted
+    assert len(asked) == 1
+    swap()
+    assert len(asked) == 2
+    [own] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    with bones_of(own) as bones:
+        bones["hand.L"].tail.x += 0.01
+    retargeted(rig)
+    assert len(asked) == 3
 
 
 def test_a_preview_that_cannot_follow_or_has_a_persons_keys_stays_as_it_is(shown):
