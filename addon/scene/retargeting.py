@@ -134,7 +134,7 @@ def freed_by(action: bpy.types.Action) -> int:
 
 
 def _former(rig: bpy.types.Object) -> dict[str, float]:
-    """What influences that are nothing were before ours of its actions took them, by their paths.
+    """What is as our actions switch it was before the rig's one did, by paths.
 
     That is kept on the rig, whatever it is called and has by then; a rig that got its action otherwise has it there.
     """
@@ -142,7 +142,7 @@ def _former(rig: bpy.types.Object) -> dict[str, float]:
     noted: dict[str, float] = {}
     for block in (one for one in (action, rig) if one is not None):
         noted |= json.loads(block.get(SWITCHED, "{}"))
-    return {path: value for path, value in noted.items() if path.endswith(".influence") and _value(rig, path) == 0}
+    return {path: value for path, value in noted.items() if _value(rig, path) == _switched_to(path)}
 
 
 def follow_actions(*_, give_back: bool = True):
@@ -229,7 +229,7 @@ class KeptPose:
 
     channels  of each of the bones, the values of `BONE_CHANNELS`
     switched  bones with the paths of what is switched, what to, and from what
-    former    what influences that are nothing were before that, by their paths
+    former    what is as it is switched already was before, by its path
     strips    whether an action takes the place of what strips pose
     shown     its pose position
     """
@@ -287,8 +287,10 @@ class KeptPose:
     def put_back(self, rig: bpy.types.Object):
         """Puts the rig back as it was; what else somebody posed meanwhile stays."""
         pose_bones(rig, self.channels)
-        for path, value in (dict.fromkeys(self.former, 0.0) | {one[1]: one[3] for one in self.switched}).items():
-            _set(rig, path, value)
+        for path in self.former:
+            _set(rig, path, _switched_to(path))
+        for _, path, _, before in self.switched:
+            _set(rig, path, before)
         rig.data.pose_position = self.shown
         rig.update_tag()
 

@@ -730,14 +730,14 @@ def test_a_preview_that_cannot_follow_or_has_a_persons_keys_stays_as_it_is(shown
 @pytest.mark.parametrize("with_action", [True, False])
 def test_discarded_a_preview_leaves_action_pose_and_switches_as_they_were(shown, tmp_path, with_action):
     rig, solver, _ = leg_by_ik()
-    rig.pose.bones["control"].location.x = 3
+    rig.pose.bones["control"].location.x, rig.pose.bones["control"]["IK_FK"] = 3, 0.0
     rig.pose.bones[MIXAMO["head"]].rotation_quaternion = turned = 0.8, 0.6, 0, 0
     if with_action:
         rig.animation_data_create().action = bpy.data.actions.new("mine")
         rig.keyframe_insert("location", frame=1)
     retargeted(rig)
     rig.mocap_autolabel.keep_hands = True
-    assert solver.influence == 0
+    assert solver.influence == 0 and rig.pose.bones["control"]["IK_FK"] == 1.0
     name, solver = rig.name, solver.path_from_id("influence")
     reopen(tmp_path / "mine.blend")
     bpy.context.view_layer.objects.active = rig = bpy.data.objects[name]
@@ -746,7 +746,8 @@ def test_discarded_a_preview_leaves_action_pose_and_switches_as_they_were(shown,
     action = rig.animation_data.action
     assert [one for one in bpy.data.actions if "mine" in one.name or "retargeted" in one.name] == [action] * with_action
     assert not with_action or rig.animation_data.action_slot == action.slots[0]
-    assert rig.path_resolve(solver) == 1 and rig.pose.bones["control"].location.x == 3
+    assert rig.path_resolve(solver) == 1
+    assert (rig.pose.bones["control"].location.x, rig.pose.bones["control"]["IK_FK"]) == (3, 0.0)
     np.testing.assert_allclose(rig.pose.bones[MIXAMO["head"]].rotation_quaternion, turned)
 
 
