@@ -32,11 +32,11 @@ from .io.text import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
 from .scene.clock import TakeClock
+from .scene.later import redraw, soon
 from .scene.naming import CAMERAS
 from .scene.opened import opened
 from .scene.performers import Colour, homes, set_colour, usual_colour
 from .scene.preview import hide_preview
-from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
 from .scene.retargeting import is_rig
 from .scene.rig_preview import follow_rigs_soon
@@ -465,7 +465,9 @@ class RigSettings(bpy.types.PropertyGroup):
     """How the motion of takes comes onto a rig: `Object.mocap_autolabel`."""
 
     bones: CollectionProperty(type=RigBoneRow, override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"})
-    performer: EnumProperty(name="Performer", description="Whose motion the rig gets", items=_performer_items)
+    performer: EnumProperty(
+        name="Performer", description="Whose motion the rig gets", items=_performer_items, update=follow_rigs_soon
+    )
     keep_feet: BoolProperty(
         name="Keep Feet",
         description="Bend the legs so that feet do not slide while they are planted",
@@ -778,10 +780,10 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     stored = opened.take(collection, scene)
     clock = stored.clock
     list_rows(state, "markers", "name labelled gaps longest_gap first_gap residual", marker_rows(stored))
-    if bpy.app.background or is_quick(stored):
+    if is_quick(stored):
         list_trouble()
-    elif not bpy.app.timers.is_registered(list_trouble):
-        bpy.app.timers.register(list_trouble, first_interval=LATER)
+    else:
+        soon(list_trouble, LATER)
     # In the frames that Blender counts, as the row beside it.
     changes = [(one, clock.whole(one.first), clock.whole(one.last)) for one in kept_changes(collection)]
     changed = [(one.marker, clock.shown(one.first), replace(one, first=a, last=b).words) for one, a, b in changes]

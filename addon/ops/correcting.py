@@ -32,9 +32,9 @@ from ..props import SCOPES, keeps_items, refresh_review, scene_of_lists
 from ..scene.blob_dots import blob_edit, likely_of_blob
 from ..scene.clock import refresh_frame
 from ..scene.corrections import keep_edits
+from ..scene.later import redraw, soon
 from ..scene.opened import opened
 from ..scene.picking import dots_of, likely_markers
-from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from ..scene.timing import picked_range
@@ -90,10 +90,7 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     refresh_frame(scene)
     follow_soon(seen=True)
     list_here(context)  # what comes a moment later is of the scene that the lists are of
-    if bpy.app.background:
-        review_now()
-    elif not bpy.app.timers.is_registered(review_now):  # a hand that names dots does not wait for the tables
-        bpy.app.timers.register(review_now, first_interval=REVIEW_DELAY)
+    soon(review_now, REVIEW_DELAY)  # a hand that names dots does not wait for the tables
     return taken(context)
 
 

@@ -21,9 +21,9 @@ from ..io.text import written
 from ..props import chosen_markerset, list_rows, refresh_review, row_of
 from ..scene.clock import refresh_frame
 from ..scene.fills import fills_text, keep_cutoff, keep_fills, kept_cutoff, kept_fills
+from ..scene.later import redraw
 from ..scene.opened import opened
 from ..scene.performers import Performer
-from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from .base import OfTake, once, operator, taken, takes_of_file, unless

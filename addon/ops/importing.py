@@ -25,6 +25,7 @@ from ..jobs.job import blob_rate, capture_notes
 from ..props import choose_own, forget_told, opened_file, refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.clock import TakeClock, fps_of, plays_at
+from ..scene.later import soon
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import is_take
@@ -271,8 +272,7 @@ def look_who_is_there(context: bpy.types.Context):
         return
     if context.window_manager.mocap_autolabel.doing:
         _waiting[:] = [context.scene.session_uid]
-        if not bpy.app.timers.is_registered(look_when_free):
-            bpy.app.timers.register(look_when_free, first_interval=LOOK_AGAIN)
+        soon(look_when_free, LOOK_AGAIN)
     elif find.poll():
         with suppress(RuntimeError):  # Label says the same
             find("INVOKE_DEFAULT")

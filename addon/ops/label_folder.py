@@ -19,7 +19,7 @@ from ..io.text import written
 from ..jobs.pages import SUMMARY_TABLE
 from ..props import SceneSettings, list_rows, subjects_asked
 from ..scene import cameras as scene_cameras
-from ..scene.redrawing import redraw
+from ..scene.later import redraw
 from .base import Ours, operator, unless
 from .importing import cameras_at_hand
 from .labelling import in_sidebar

@@ -27,8 +27,8 @@ from ..io.scratch import scratch_folder
 from ..io.text import written
 from ..props import SceneSettings, chosen_model, subjects_asked
 from ..scene.armature import bone_tails, build_of, segment_sides
+from ..scene.later import redraw
 from ..scene.live_rig import MovedRig
-from ..scene.redrawing import redraw
 from ..scene.take import Take
 from .base import operator, reason_of, unless
 

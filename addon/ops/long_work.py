@@ -14,12 +14,13 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import bpy
+from bpy.props import StringProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.data.progress import finished
 from ..io.scratch import scratch_folder
-from ..scene.redrawing import redraw
-from .base import Ours, reports_trouble, unless
+from ..scene.later import redraw, soon
+from .base import Ours, once, operator, reports_trouble, unless
 from .gestures import is_over
 
 if TYPE_CHECKING:
@@ -230,8 +231,8 @@ def known_by(block: bpy.types.ID) -> set[int | str]:
 
 def take_up_soon():
     """Looks for work to take up once the file that is being opened is open."""
-    if _left and not bpy.app.timers.is_registered(take_up):
-        bpy.app.timers.register(take_up, persistent=True)
+    if _left:
+        soon(take_up, persistent=True)
 
 
 def take_up() -> float | None:
@@ -245,7 +246,8 @@ def take_up() -> float | None:
             if kind.of_scene and not noted["_file"] and scene_of(noted) is None:
                 _left.remove((kind, noted))
                 end_process()
-                _pop_up(f"{kind.doing} was given up, as its file was never saved and another was opened")
+                why = "its file was never saved and another was opened" if noted["_scene_name"] else "its scene is gone"
+                _pop_up(f"{kind.doing} was given up, as {why}")
         here = [one for one in _left if one[1]["_found"] is None or one[1]["_file"] == bpy.data.filepath]
         if not here:
             return None
@@ -259,6 +261,16 @@ def take_up() -> float | None:
 def done_elsewhere() -> Iterator[tuple[str, str]]:
     """What is done for files that are not open: what it was, and the file."""
     return ((kind.doing, noted["_file"]) for kind, noted in _left if noted["_found"] is not None)
+
+
+@operator(
+    label="Give Up What Is Done",
+    options={"INTERNAL"},
+    file=once(StringProperty, "File", "The file that it is done for"),
+)
+def give_up_done(self, _context):
+    """Throw away what is done for this file and not shown yet, as where the file was moved or deleted."""
+    _left[:] = [one for one in _left if one[1]["_found"] is None or one[1]["_file"] != self.file]
 
 
 def _pop_up(words: str):

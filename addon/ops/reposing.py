@@ -19,9 +19,9 @@ from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, read_mar
 from ..prefs import markerset_folder
 from ..props import chosen_model, refresh_review, row_of, scene_of_lists
 from ..scene.clock import refresh_frame
+from ..scene.later import never, redraw, soon
 from ..scene.opened import opened
 from ..scene.performers import Performer
-from ..scene.redrawing import redraw
 from ..scene.reposing import is_out_of_date, lacks_to_repose, put_body, show_posed_frame
 from ..scene.rig_preview import follow_rigs
 from ..scene.stored import Stored
@@ -119,15 +119,11 @@ def follow_soon(seen: bool = False):
 
     With `seen` the body of the current frame is there before anything is drawn: no redraw is waited for.
     """
-    if bpy.app.background:
-        if is_behind(bpy.context) and not _lacking(bpy.context):
-            follow_now(bpy.context)
-        follow_rigs()
-        return
+    if bpy.app.background and is_behind(bpy.context) and not _lacking(bpy.context):
+        follow_now(bpy.context)
     if seen:
         _follow()
-    if not bpy.app.timers.is_registered(_follow):
-        bpy.app.timers.register(_follow, first_interval=0.0)
+    soon(_follow)
 
 
 def follow_now(context: bpy.types.Context):
@@ -143,8 +139,7 @@ def follow_now(context: bpy.types.Context):
 def forget_reposing():
     """Lets go of what is going on: another file or step takes its objects away, or the extension ends."""
     _going_on.clear()
-    if bpy.app.timers.is_registered(_follow):
-        bpy.app.timers.unregister(_follow)
+    never(_follow)
 
 
 def _follow() -> float | None:

@@ -8,8 +8,8 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core.data.takes import NO_MARKER
 from ..scene.clock import TakeClock
+from ..scene.later import redraw
 from ..scene.opened import opened
-from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.timing import pick_range, show_range
 from ..scene.trajectories import FOLDED, KeptRows, Runs

@@ -13,6 +13,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.clock import set_moment
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
+from ..scene.rig_preview import leave_take
 from ..scene.take import is_take, remove_take
 from .base import WithTake, lacks_object_mode, once, operator, taken, unless
 from .gestures import window_region
@@ -51,8 +52,9 @@ def jump(self, context):
     label="Remove Take",
 )
 def clear(self, context):
-    """Remove the labelled take from the scene; its cameras and blobs stay, and so does all that you made or changed."""
+    """Remove the labelled take with previews on rigs; its cameras and blobs stay, and all that you made or changed."""
     settings = context.scene.mocap_autolabel
+    leave_take(context, settings.take)
     collection, settings.take = settings.take, None
     left = remove_take(collection, context.scene)
     opened.forget_read()

@@ -87,7 +87,7 @@ def key(
     """Keys the property at `path` with `values` (F, n) at Blender's `frames` (F,); rows with NaN stay unkeyed.
 
     Where `generated` (F,) is True, the keys are of the type that Blender has for what a tool made up.
-    Channels that are there are empty; without a row to key they go.
+    Channels that are there are empty, or have as many straight keys; without a row to key they go.
     """
     there = np.isfinite(values).all(axis=1)
     if not there.any():
@@ -104,12 +104,15 @@ def key(
         if curve is None:
             curve = bag.fcurves.new(path, index=index)
             curve.group = owner
-        curve.keyframe_points.add(len(points))
-        curve.keyframe_points.foreach_set("co", points.ravel())
-        curve.keyframe_points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))
-        if kinds.any():
-            curve.keyframe_points.foreach_set("type", kinds)
-        curve.update()
+        if len(curve.keyframe_points):
+            curve.keyframe_points.foreach_set("co", points.ravel())
+        else:
+            curve.keyframe_points.add(len(points))
+            curve.keyframe_points.foreach_set("co", points.ravel())
+            curve.keyframe_points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))
+            if kinds.any():
+                curve.keyframe_points.foreach_set("type", kinds)
+            curve.update()
         note_keys(bag, curve, points)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
-from mathutils import Euler, Matrix
+from mathutils import Matrix
 
 from ..core.body.sides import side_in
 from ..core.data.errors import InputError
@@ -43,6 +43,7 @@ def segment_sides(markerset: MarkerSet) -> dict[str, str]:
 
 MIN_BONE_M = 0.02  # m; Blender deletes bones without length
 SCALE = "mocap_scale"  # m for one unit of the marker set, (3,), on the armature
+UPRIGHT = 2e-6  # rad, as Blender's own; nearer than that to its pole the first and the third angle are about one axis
 MOVED_BONE = 1e-6  # m; a joint that wanders less than this against its parent needs no location keys
 
 
@@ -276,16 +277,32 @@ def continuous_quaternions(matrices: np.ndarray) -> np.ndarray:
 
 def rotation_channel(mode: str, matrices: np.ndarray) -> tuple[str, np.ndarray]:
     """The channel of a bone with a rotation mode, and its values of rotations (F, 3, 3), without jumps."""
+    if mode not in ("QUATERNION", "AXIS_ANGLE"):
+        return "rotation_euler", continuous_angles(mode, matrices)
     quaternions = continuous_quaternions(matrices)
     if mode == "QUATERNION":
         return "rotation_quaternion", quaternions
-    if mode == "AXIS_ANGLE":
-        length = np.linalg.norm(quaternions[:, 1:], axis=1, keepdims=True)
-        angle = 2 * np.arctan2(length, quaternions[:, :1])
-        return "rotation_axis_angle", np.hstack([angle, quaternions[:, 1:] / np.maximum(length, 1e-12)])
-    angles = np.empty((len(matrices), 3))
-    before = Euler((0, 0, 0), mode)
-    for row, matrix in enumerate(matrices.tolist()):
-        before = Matrix(matrix).to_euler(mode, before)
-        angles[row] = before
-    return "rotation_euler", angles
+    length = np.linalg.norm(quaternions[:, 1:], axis=1, keepdims=True)
+    angle = 2 * np.arctan2(length, quaternions[:, :1])
+    return "rotation_axis_angle", np.hstack([angle, quaternions[:, 1:] / np.maximum(length, 1e-12)])
+
+
+def continuous_angles(mode: str, matrices: np.ndarray) -> np.ndarray:
+    """(F, 3) rad about x, y and z, in the order of a rotation mode, of rotations (F, 3, 3); the first ones least.
+
+    Of the two triples of angles that are one rotation each is the one nearer to those before it.
+    """
+    first, second, third = order = ["XYZ".index(axis) for axis in mode]
+    own = matrices[:, :, order][:, order]
+    across = np.hypot(own[:, 0, 0], own[:, 1, 0])
+    upright = across < UPRIGHT
+    angles = np.zeros((1 + len(matrices), 3))  # from none
+    angles[1:, first] = np.arctan2(*np.where(upright, (-own[:, 1, 2], own[:, 1, 1]), (own[:, 2, 1], own[:, 2, 2])))
+    angles[1:, second] = np.arctan2(-own[:, 2, 0], across)
+    angles[1:, third] = np.where(upright, 0, np.arctan2(own[:, 1, 0], own[:, 0, 0]))
+    angles *= 1 if (second - first) % 3 == 1 else -1
+    other = np.pi + np.where(np.arange(3) == second, -angles, angles)
+    far = [np.abs((one[1:] - angles[:-1] + np.pi) % (2 * np.pi) - np.pi).sum(axis=1) for one in (angles, other)]
+    changes = np.cumsum(far[1] < far[0], axis=0) % 2 == 1
+    angles[1:][changes] = other[1:][changes]
+    return np.unwrap(angles, axis=0)[1:]

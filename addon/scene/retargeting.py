@@ -18,12 +18,14 @@ from ..core.body.sides import BODY_SIDES
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
 from ..core.retarget.matching import LIMBS, NEEDED_PARTS, NO_CONTROLS, PARTS, RestBones
+from ..core.retarget.moving import Moving
 from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget, stands
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
 from .clock import fps_of, refresh_frame
 from .ik_controls import Along, carriers_of, controls_by_ik, loose_bones
+from .opened import opened
 from .ownership import changed_by_us, curves_of, is_keyed_by_us, is_made_for, is_untouched, sign
 from .roots import is_even
 from .stored import Stored
@@ -66,16 +68,17 @@ def retarget_take(
     matched: Mapping[str, str],
     feet: bool,
     hands: bool,
+    action: bpy.types.Action | None = None,
 ) -> bpy.types.Action:
     """Gives a rig an action of its own that moves it as the take's body; `matched` has its bones by the body's parts.
 
-    Its preview of the same take is made again where nobody changed it; any other action stays.
+    That is the one that it has, where this is to be made again; any other stays.
     Raises InputError where the body or the rig is no person's.
     """
     body = moving_in(collection, stored)
     source = armature_of(collection)
     bones, place = checked(rig, matched, body.character, source.matrix_world)
-    joints, rotated = body.settled()
+    joints, rotated = _settled(body, stored)
     there = np.flatnonzero(np.isfinite(joints).all(axis=(1, 2)))
     if not len(there):
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
@@ -84,10 +87,15 @@ def retarget_take(
         motion = joints[there[0] : there[-1] + 1], rotated[there[0] : there[-1] + 1]
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
         channels = [(*channel, values[there - there[0]]) for *channel, values in ready.channels(*moved)]
-    action = _own_action(rig, collection, stored.name, ready.before.channels)
+    action = action or _new_action(rig)
+    action.name = f"{stored.name} retargeted"
+    action[PREVIEW]["posed"] = json.dumps(ready.before.channels | json.loads(action[PREVIEW]["posed"]))
     clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
     bag, frames = animation.channels(rig, action), clock.shown(stored.motion.frames)[there]
-    bag.fcurves.clear()
+    kept = {bone_path(bone, channel) for bone, channel, _ in channels}
+    for curve in list(bag.fcurves):
+        if curve.data_path not in kept or len(curve.keyframe_points) != len(frames):
+            bag.fcurves.remove(curve)
     for bone, channel, values in channels:
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
     for bone, path, value, _ in ready.before.switched:
@@ -98,6 +106,16 @@ def retarget_take(
     sign(action, stored.name, collection)
     refresh_frame(context.scene)
     return action
+
+
+def _settled(body: Moving, stored: Stored) -> tuple[np.ndarray, np.ndarray]:
+    """What `body.settled` gives, kept for as long as neither the take nor its armature at rest is another."""
+    rest = body.begins.tobytes() + body.ends.tobytes()
+    before, kept = opened.looked_at.get("settled", (None, (b"",)))
+    if before is not stored or kept[0] != rest:
+        kept = rest, body.settled()
+        opened.looked_at["settled"] = stored, kept
+    return kept[1]
 
 
 def matched_before(rig: bpy.types.Object) -> dict[str, str]:
@@ -116,7 +134,7 @@ def freed_by(action: bpy.types.Action) -> int:
 
 
 def _former(rig: bpy.types.Object) -> dict[str, float]:
-    """What influences that are nothing were before ours of its actions took them, by their paths.
+    """What is as our actions switch it was before the rig's one did, by paths.
 
     That is kept on the rig, whatever it is called and has by then; a rig that got its action otherwise has it there.
     """
@@ -124,7 +142,7 @@ def _former(rig: bpy.types.Object) -> dict[str, float]:
     noted: dict[str, float] = {}
     for block in (one for one in (action, rig) if one is not None):
         noted |= json.loads(block.get(SWITCHED, "{}"))
-    return {path: value for path, value in noted.items() if path.endswith(".influence") and _value(rig, path) == 0}
+    return {path: value for path, value in noted.items() if _value(rig, path) == _switched_to(path)}
 
 
 def follow_actions(*_, give_back: bool = True):
@@ -211,7 +229,7 @@ class KeptPose:
 
     channels  of each of the bones, the values of `BONE_CHANNELS`
     switched  bones with the paths of what is switched, what to, and from what
-    former    what influences that are nothing were before that, by their paths
+    former    what is as it is switched already was before, by its path
     strips    whether an action takes the place of what strips pose
     shown     its pose position
     """
@@ -269,8 +287,10 @@ class KeptPose:
     def put_back(self, rig: bpy.types.Object):
         """Puts the rig back as it was; what else somebody posed meanwhile stays."""
         pose_bones(rig, self.channels)
-        for path, value in (dict.fromkeys(self.former, 0.0) | {one[1]: one[3] for one in self.switched}).items():
-            _set(rig, path, value)
+        for path in self.former:
+            _set(rig, path, _switched_to(path))
+        for _, path, _, before in self.switched:
+            _set(rig, path, before)
         rig.data.pose_position = self.shown
         rig.update_tag()
 
@@ -376,8 +396,10 @@ class ReadyRig:
     def channels(self, turns: np.ndarray, hips: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
         """The bones with the channels that move them, (F, …), by what `retarget` says."""
         unit = np.linalg.norm(self.place[:3, :3], axis=0).mean()
-        heads = np.stack([place_of(self.rest, turns, hips, at) for at in range(len(self.bones))], axis=1)
-        turns = (self.place[:3, :3] / unit).T @ turns @ self.axes.T  # in the armature's own axes
+        asked = range(len(self.bones) if self.along else 1)
+        heads = np.stack([place_of(self.rest, turns, hips, at) for at in asked], axis=1)
+        # In the armature's own axes, and in memory bone by bone, as it is used.
+        turns = ((self.place[:3, :3] / unit).T @ turns.swapaxes(0, 1) @ self.axes.T).swapaxes(0, 1)
         heads = (heads - self.place[:3, 3]) @ np.linalg.inv(self.place[:3, :3]).T
         yield self.mover, "location", (heads[:, 0] - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
         going = {one.bone for one in self.along}
@@ -450,30 +472,23 @@ def _set(rig: bpy.types.Object, path: str, value: float):
         setattr(owner, name, value)
 
 
-def _own_action(
-    rig: bpy.types.Object, collection: bpy.types.Collection, name: str, channels: Mapping[str, list]
-) -> bpy.types.Action:
-    """The preview that a rig has of the same, else a new one beside what it has.
-
-    It notes what is there without it: an action, and the `channels` of the bones that it moves.
-    """
+def _new_action(rig: bpy.types.Object) -> bpy.types.Action:
+    """A new preview beside what a rig has, which notes that."""
     data = rig.animation_data_create()
-    action = data.action
-    if preview_on(rig) is None or not (is_made_for(action, collection) and is_ours(rig)):
-        before = {} if action is None else {"action": action, "slot": data.action_slot_handle}
-        if action is not None:
-            with changed_by_us(action):  # a preview of another take is one still
-                action.use_fake_user = True
-        data.action = action = bpy.data.actions.new(f"{name} retargeted")
-        action[PREVIEW] = before | {"posed": "{}"}
-    action[PREVIEW]["posed"] = json.dumps(channels | json.loads(action[PREVIEW]["posed"]))
+    before = {} if data.action is None else {"action": data.action, "slot": data.action_slot_handle}
+    if data.action is not None:
+        with changed_by_us(data.action):  # a preview of another take is one still
+            data.action.use_fake_user = True
+    data.action = action = bpy.data.actions.new("")
+    action[PREVIEW] = before | {"posed": "{}"}
     return action
 
 
-def preview_on(rig: bpy.types.Object) -> bpy.types.Action | None:
-    """The action of a rig, where it is a preview."""
+def preview_on(rig: bpy.types.Object, take: bpy.types.Collection | None = None) -> bpy.types.Action | None:
+    """The action of a rig, where it is a preview, and where a take is given one of that, of whichever performer."""
     action = None if rig.animation_data is None else rig.animation_data.action
-    return action if action is not None and PREVIEW in action else None
+    is_preview = action is not None and PREVIEW in action
+    return action if is_preview and (take is None or is_made_for(action, take)) else None
 
 
 def is_ours(rig: bpy.types.Object) -> bool:

@@ -8,6 +8,7 @@ import bpy
 
 from ..core.data.errors import InputError
 from .clock import refresh_frame
+from .later import soon
 from .opened import opened
 from .ownership import is_made_for, role_of
 from .performers import Performer, homes
@@ -25,10 +26,16 @@ from .stored import Stored, alone
 from .take import is_take
 
 
-def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object) -> bpy.types.Action:
-    """Gives a rig the preview of the active take, by the bones and with the choices that it keeps."""
+def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object, ours: bool = False) -> bpy.types.Action:
+    """Gives a rig the preview of the active take, by the bones and with the choices that it keeps.
+
+    That is the one that it has where nobody changed it, which is looked at unless it is known to be `ours`.
+    """
     own, (stored, performer, home) = rig.mocap_autolabel, _chosen(context, rig)
-    action = retarget_take(context, rig, home, alone(stored, performer), matched_in(rig), own.keep_feet, own.keep_hands)
+    before = preview_on(rig, context.scene.mocap_autolabel.take)
+    again = before if before is not None and (ours or is_ours(rig)) else None
+    choices = matched_in(rig), own.keep_feet, own.keep_hands
+    action = retarget_take(context, rig, home, alone(stored, performer), *choices, again)
     action[PREVIEW]["of"] = _made_of(rig, stored)
     return action
 
@@ -52,20 +59,18 @@ def _made_of(rig: bpy.types.Object, stored: Stored) -> str:
 
 
 def is_left_behind(context: bpy.types.Context, rig: bpy.types.Object) -> bool:
-    """Whether a rig's preview of the active take was made of another body, bones or choices."""
-    action = preview_on(rig)
-    if action is None or not is_take(context.scene.mocap_autolabel.take):
+    """Whether a rig's preview of the active take was made of another body, performer, bones or choices."""
+    take = context.scene.mocap_autolabel.take
+    action = preview_on(rig, take) if is_take(take) else None
+    if action is None:
         return False
     stored, _, home = _chosen(context, rig)
-    return is_made_for(action, home) and action[PREVIEW].get("of") != _made_of(rig, stored)
+    return not is_made_for(action, home) or action[PREVIEW].get("of") != _made_of(rig, stored)
 
 
 def follow_rigs_soon(_settings, _context):
     """Lets previews follow, at once all that is chosen together; without a window each choice."""
-    if bpy.app.background:
-        follow_rigs()
-    elif not bpy.app.timers.is_registered(follow_rigs):
-        bpy.app.timers.register(follow_rigs, first_interval=0.0)
+    soon(follow_rigs)
 
 
 def follow_rigs():
@@ -74,7 +79,7 @@ def follow_rigs():
     for rig in [one for one in context.scene.objects if is_rig(one) and one.mode in ("OBJECT", "POSE")]:
         if is_left_behind(context, rig) and is_ours(rig):
             with suppress(InputError):
-                retarget_rig(context, rig)
+                retarget_rig(context, rig, ours=True)
 
 
 def bake(rig: bpy.types.Object):
@@ -106,3 +111,12 @@ def discard(context: bpy.types.Context, rig: bpy.types.Object):
     pose_bones(rig, json.loads(before["posed"]))
     follow_actions()
     refresh_frame(context.scene)
+
+
+def leave_take(context: bpy.types.Context, take: bpy.types.Collection):
+    """Discards the previews of a take that is to be removed; one that a person changed stays on its rig, as baked."""
+    for rig in [one for one in context.scene.objects if is_rig(one) and preview_on(one, take)]:
+        if is_ours(rig):
+            discard(context, rig)
+        else:
+            bake(rig)

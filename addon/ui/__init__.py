@@ -15,6 +15,7 @@ from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
 from ..props import know_markerset, list_trouble, refresh_review
 from ..scene import naming
+from ..scene.later import never
 from ..scene.opened import opened
 from ..scene.retargeting import follow_actions
 from ..scene.rig_preview import follow_rigs
@@ -62,7 +63,7 @@ def add_handlers(stack: ExitStack):
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
     bpy.app.timers.register(adopt_takes, first_interval=0.0, persistent=True)
     for timer in (list_trouble, adopt_takes, review_now, look_when_free, follow, follow_live, take_up, follow_rigs):
-        stack.callback(_stop_timer, timer)
+        stack.callback(never, timer)
 
 
 def follow_hand():
@@ -75,11 +76,6 @@ def after_switch():
     """A window shows another scene: what is picked and the tables were of the last one's take."""
     bpy.context.window_manager.mocap_autolabel.picked.clear()
     review_now()
-
-
-def _stop_timer(function):
-    if bpy.app.timers.is_registered(function):
-        bpy.app.timers.unregister(function)
 
 
 @persistent

@@ -21,8 +21,8 @@ from ..core.filling.kept import KeptFill
 from ..ops.filling import proposed
 from ..ops.picking import picked_points, selected_markers
 from ..scene.clock import TakeClock
+from ..scene.later import redraw
 from ..scene.opened import opened
-from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take
 from ..scene.trajectories import GAP

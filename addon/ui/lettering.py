@@ -9,12 +9,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import blf
-import bpy
 import gpu
 import numpy as np
 from mathutils import Matrix
 
-from ..scene.redrawing import redraw
+from ..scene.later import redraw, soon
 from .boxes import BOX_CORNERS, box_batch, made_shader
 
 LETTERS_IN_A_ROW = 32  # places in a row of the texture, of which each letter has two: its own and its shadow's
@@ -122,8 +121,7 @@ class Letters:
         wide, high = LETTERS_IN_A_ROW * self.cell[0], rows * self.cell[1]
         # With a new picture Blender forgets what it was drawing on, so what is drawn now is drawn once more.
         self.picture = gpu.types.GPUOffScreen(wide, high)
-        if not bpy.app.background:
-            bpy.app.timers.register(_draw_again)
+        soon(_draw_again)
         with self.picture.bind(), gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.state.active_framebuffer_get().clear(color=(0.0, 0.0, 0.0, 0.0))
             gpu.matrix.load_identity()

@@ -178,8 +178,10 @@ def _draw_progress(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
         row.operator("mocap_autolabel.cancel", text="", icon="X")
     for doing, file in done_elsewhere():
         text = f"{doing} is done: open {bpy.path.basename(file)}"
-        opens = layout.operator("wm.open_mainfile", text=text, icon="FILE_BLEND")
+        row = layout.row(align=True)
+        opens = row.operator("wm.open_mainfile", text=text, icon="FILE_BLEND")
         opens.filepath, opens.display_file_selector = file, False
+        row.operator("mocap_autolabel.give_up_done", text="", icon="X").file = file
 
 
 def _draw_refused(layout: bpy.types.UILayout, context, state: bpy.types.PropertyGroup):

@@ -13,6 +13,7 @@ from ..ops.reposing import words_behind
 from ..ops.reviewing import words_for
 from ..props import is_opened
 from ..scene.fills import kept_cutoff
+from ..scene.later import soon
 from ..scene.performers import body_material, homes, without_armature
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
 from ..scene.take import SOURCE, is_take
@@ -96,8 +97,8 @@ def _draw_lists(layout: bpy.types.UILayout, context, state):
     elif any(window.scene.session_uid == state.of_scene for window in context.window_manager.windows):
         draw_text(context, layout, "The lists are of the scene in another window", icon="INFO")
         layout.operator("mocap_autolabel.list_here", icon="FILE_REFRESH")
-    elif not bpy.app.timers.is_registered(review_now):
-        bpy.app.timers.register(review_now)
+    else:
+        soon(review_now)
 
 
 def _draw_troubles(layout: bpy.types.UILayout, context, state):

@@ -12,7 +12,7 @@ import numpy as np
 from ..core.data.takes import NO_MARKER
 from ..ops.picking import picked_points, selected_markers
 from ..ops.timeline import KEYS, RowPlaces, shown_runs, timeline_shown
-from ..scene.redrawing import redraw
+from ..scene.later import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
 from .boxes import BOX_CORNERS, box_batch, made_shader

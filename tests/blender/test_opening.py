@@ -159,15 +159,16 @@ def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path, monkeypatc
 
 
 def test_a_take_that_was_opened_while_something_went_on_is_looked_at_after_it(settings, tmp_path, monkeypatch):
-    importing, state = ours("ops.importing"), session()
+    importing, state, later = ours("ops.importing"), session(), []
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     opened(tmp_path, "one.c3d")
     bpy_there, find = MagicMock(wraps=bpy), MagicMock()
     bpy_there.context, bpy_there.app.background, bpy_there.ops.mocap_autolabel.find_markerset = bpy.context, False, find
     monkeypatch.setattr(importing, "bpy", bpy_there)
+    monkeypatch.setattr(importing, "soon", lambda function, _: later.append(function))
     state.doing = "Labelling: 3%"
     importing.look_who_is_there(bpy.context)
-    bpy_there.app.timers.is_registered.assert_called_with(importing.look_when_free)
+    assert later == [importing.look_when_free]
     assert importing.look_when_free() == importing.LOOK_AGAIN
     state.doing = ""
     assert importing.look_when_free() is None

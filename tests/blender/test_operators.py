@@ -428,6 +428,7 @@ def opens(labelling, window, monkeypatch):
     there.context, there.data, there.app.background = bpy.context, bpy.data, False
     there.ops.mocap_autolabel.label = lambda _: taken_up[-1].execute(window.context)
     monkeypatch.setattr(labelling.long_work, "bpy", there)
+    monkeypatch.setattr(labelling.long_work, "soon", lambda *_, **__: None)
     monkeypatch.setattr(labelling.long_work, "_pop_up", told.append)
 
     def opens(path, going_on=None):
@@ -460,6 +461,32 @@ def test_work_goes_on_as_another_file_is_opened_and_is_shown_in_its_own(labellin
     assert again.run(context) == {"FINISHED"}
     assert bpy.context.scene.mocap_autolabel.take.name == "Mocap: walk"
     assert not told and not long_work._left
+
+
+def test_what_is_done_for_a_file_that_was_moved_can_be_given_up(labelling, in_fives, window, opens, tmp_path):
+    path, context, long_work = tmp_path / "walk.blend", window.context, labelling.long_work
+    assert window.operator._begin(context) == {"RUNNING_MODAL"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    elsewhere, _ = opens(NEW, going_on=window.operator)
+    assert elsewhere.run(context) == {"CANCELLED"}
+    going_on = Modal, {"_found": None, "_file": str(path)}
+    long_work._left.append(going_on)
+    press("give_up_done", file="/nowhere.blend")
+    assert list(long_work.done_elsewhere()) == [("Labelling", str(path))]
+    press("give_up_done", file=str(path))
+    assert long_work._left == [going_on], "what goes on can be cancelled"
+    long_work._left.clear()
+
+
+def test_work_whose_scene_was_deleted_before_another_file_was_opened_says_so(
+    ready, labelling, in_fives, window, opens, tmp_path
+):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "walk.blend"))
+    assert window.operator._begin(window.context) == {"RUNNING_MODAL"}
+    bpy.data.scenes.new("Other")
+    bpy.data.scenes.remove(ready.scene)
+    _, told = opens(NEW, going_on=window.operator)
+    assert told == ["Labelling was given up, as its scene is gone"]
 
 
 def test_a_file_dialog_that_is_closed_was_no_work(labelling, window):
@@ -704,6 +731,25 @@ def test_a_register_that_fails_leaves_nothing(extension, monkeypatch):
     assert everything() == before
     monkeypatch.undo()
     addon_utils.enable(extension, default_set=True)
+
+
+def test_what_is_asked_for_soon_is_done_once_however_often_and_without_a_window_at_once(extension, monkeypatch):
+    later, calls, there = ours("scene.later"), [], MagicMock()
+
+    def done():
+        calls.append(True)
+
+    later.soon(done, 60)
+    assert calls == [True]
+    there.app.background, there.app.timers = False, bpy.app.timers
+    monkeypatch.setattr(later, "bpy", there)
+    for _ in range(2):
+        later.soon(done, 60)
+    assert calls == [True]
+    assert bpy.app.timers.is_registered(done)
+    for _ in range(2):
+        later.never(done)
+    assert not bpy.app.timers.is_registered(done)
 
 
 def test_enabling_imports_neither_scipy_nor_the_command_line(extension):

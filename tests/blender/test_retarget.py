@@ -8,12 +8,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from mathutils import Matrix, Vector
+from mathutils import Euler, Matrix, Vector
 
+from addon.core.geometry.rotations import exponential
 from addon.core.posing.character import both_sides
 from addon.core.posing.finer import finer
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
+from addon.scene.armature import continuous_angles
 from addon.scene.relabelled import show_again
 from addon.scene.retargeting import ReadyRig
 from tests.inputs.rigs import (
@@ -34,7 +36,7 @@ from tests.inputs.rigs import (
 )
 from tests.inputs.worn import with_fingers
 
-from .hands import add_object, choose, ours, press, refused, reopen
+from .hands import add_object, choose, only, ours, press, refused, reopen
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
@@ -410,6 +412,19 @@ def test_fingers_that_are_worn_move_those_of_rigs_and_of_the_character(empty, ma
     assert "LeftHandIndex1" in (tmp_path / "a.bvh").read_text()
 
 
+@pytest.mark.parametrize("mode", ["XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"])
+def test_angles_are_those_that_blender_would_choose_after_those_before(mode):
+    turns = exponential(np.cumsum(np.random.default_rng(1).normal(0, 0.3, (3000, 3)), axis=0))[0]
+    before, expected = Euler((0, 0, 0), mode), []
+    for turn in turns.tolist():
+        before = Matrix(turn).to_euler(mode, before)
+        expected.append(before[:])
+    np.testing.assert_allclose(continuous_angles(mode, turns), expected, atol=1e-5)
+    poles = exponential(np.pi / 2 * np.vstack([np.eye(3), -np.eye(3)]))[0]
+    for turn, angles in zip(poles, continuous_angles(mode, poles).tolist(), strict=True):
+        np.testing.assert_allclose(Euler(angles, mode).to_matrix(), turn, atol=1e-5)
+
+
 def leg_by_ik(hung=False, last="shank.L"):
     """Mixamo's rig with its left leg by IK down to its `last` bone, and the foot turned as the control; with both.
 
@@ -590,6 +605,24 @@ def test_of_several_performers_one_moves_the_rig(empty, made, extension):
     assert apart[0] @ apart[1] > 0.99 * np.linalg.norm(apart[0]) * np.linalg.norm(apart[1])
 
 
+def test_a_preview_follows_whose_motion_the_rig_gets(empty, made, extension):
+    take = made.pair(12, markerset=open_markerset("body26"))
+    settings = bpy.context.scene.mocap_autolabel
+    settings.take = takes.show_take(bpy.context, take)
+    rig = mixamo()
+    action = retargeted(rig, performer="ann")
+    keys = {"ann": keyed(rig)}
+    rig.mocap_autolabel.performer = "bob"
+    keys["bob"] = is_new(rig, keys["ann"], action)
+    assert action.name == "duet bob retargeted"
+    rig.mocap_autolabel.performer = "ann"
+    assert keyed(rig) == keys["ann"]
+    press("bake_retarget")
+    rig.mocap_autolabel.performer = "bob"
+    assert keyed(rig) == keys["ann"]
+    assert action.name == "duet ann on rig"
+
+
 def test_what_a_person_made_is_kept_and_what_was_retargeted_replaced(shown):
     rig = add_rig(rig_bones(), MIXAMO)
     own = bpy.data.actions.new("mine")
@@ -658,6 +691,23 @@ def test_until_it_is_baked_an_action_follows_choices_bones_and_corrections(shown
     assert retargeted(rig) != action
 
 
+def test_choices_work_with_the_settled_body_that_is_there_until_it_or_its_rest_is_another(shown, monkeypatch):
+    rig, moving, asked = mixamo(), ours("core.retarget.moving").Moving, []
+    settled = moving.settled
+    monkeypatch.setattr(moving, "settled", lambda body: asked.append(body) or settled(body))
+    retargeted(rig)
+    for wanted in (True, False):
+        rig.mocap_autolabel.keep_hands = wanted
+    assert len(asked) == 1
+    swap()
+    assert len(asked) == 2
+    [own] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    with bones_of(own) as bones:
+        bones["hand.L"].tail.x += 0.01
+    retargeted(rig)
+    assert len(asked) == 3
+
+
 def test_a_preview_that_cannot_follow_or_has_a_persons_keys_stays_as_it_is(shown):
     rig, preview = mixamo(), ours("scene.rig_preview")
     action, own = retargeted(rig), rig.mocap_autolabel
@@ -680,14 +730,14 @@ def test_a_preview_that_cannot_follow_or_has_a_persons_keys_stays_as_it_is(shown
 @pytest.mark.parametrize("with_action", [True, False])
 def test_discarded_a_preview_leaves_action_pose_and_switches_as_they_were(shown, tmp_path, with_action):
     rig, solver, _ = leg_by_ik()
-    rig.pose.bones["control"].location.x = 3
+    rig.pose.bones["control"].location.x, rig.pose.bones["control"]["IK_FK"] = 3, 0.0
     rig.pose.bones[MIXAMO["head"]].rotation_quaternion = turned = 0.8, 0.6, 0, 0
     if with_action:
         rig.animation_data_create().action = bpy.data.actions.new("mine")
         rig.keyframe_insert("location", frame=1)
     retargeted(rig)
     rig.mocap_autolabel.keep_hands = True
-    assert solver.influence == 0
+    assert solver.influence == 0 and rig.pose.bones["control"]["IK_FK"] == 1.0
     name, solver = rig.name, solver.path_from_id("influence")
     reopen(tmp_path / "mine.blend")
     bpy.context.view_layer.objects.active = rig = bpy.data.objects[name]
@@ -696,7 +746,8 @@ def test_discarded_a_preview_leaves_action_pose_and_switches_as_they_were(shown,
     action = rig.animation_data.action
     assert [one for one in bpy.data.actions if "mine" in one.name or "retargeted" in one.name] == [action] * with_action
     assert not with_action or rig.animation_data.action_slot == action.slots[0]
-    assert rig.path_resolve(solver) == 1 and rig.pose.bones["control"].location.x == 3
+    assert rig.path_resolve(solver) == 1
+    assert (rig.pose.bones["control"].location.x, rig.pose.bones["control"]["IK_FK"]) == (3, 0.0)
     np.testing.assert_allclose(rig.pose.bones[MIXAMO["head"]].rotation_quaternion, turned)
 
 
@@ -722,6 +773,25 @@ def test_a_preview_of_one_take_follows_again_once_that_of_another_is_discarded(s
     keys = keyed(rig)
     rig.mocap_autolabel.keep_hands = True
     is_new(rig, keys, action)
+
+
+@pytest.mark.parametrize("change", ["none", "keys", "baked"])
+def test_a_preview_goes_with_its_take_and_what_is_baked_or_changed_by_hand_stays(shown, change):
+    rig, solver, _ = leg_by_ik()
+    rig.animation_data_create().action = own = bpy.data.actions.new("mine")
+    action = retargeted(rig)
+    assert solver.influence == 0
+    if change == "keys":
+        ours("scene.ownership").curves_of(rig)[0].keyframe_points[0].co.y += 1  # by hand
+    elif change == "baked":
+        press("bake_retarget")
+    press("clear")
+    assert rig.animation_data.action == (own if change == "none" else action)
+    assert solver.influence == (change == "none")
+    assert ours("scene.rig_preview").preview_on(rig) is None
+    assert len([one for one in bpy.data.actions if "retargeted" in one.name or " on " in one.name]) == (
+        change != "none"
+    )
 
 
 def test_undo_takes_a_choice_back_with_what_followed_it_and_a_bake(shown):

@@ -264,7 +264,7 @@ def test_what_was_listed_of_another_scene_is_not_answered_in_this_one(state, mon
     press("accept_trouble", index=0)
     bpy.context.window.scene = bpy.data.scenes["Scene"]
     panel, timers, said, layout = ours("ui.review"), [], [], MagicMock()
-    monkeypatch.setattr(panel.bpy.app.timers, "register", timers.append)
+    monkeypatch.setattr(panel, "soon", timers.append)
     monkeypatch.setattr(panel, "draw_text", lambda _context, _layout, words, *_, **__: said.append(words))
     manager = in_two_windows(monkeypatch, state, bpy.data.scenes["Scene"], bpy.data.scenes["Scene.001"])
     context = SimpleNamespace(scene=bpy.data.scenes["Scene"], window_manager=manager)

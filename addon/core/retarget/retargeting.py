@@ -110,7 +110,7 @@ def retarget(
     body = BodyInMotion(character, *character.posed(joints, rotated), found)
     rig = _with_feet(rig, body)
     at, aligned = rig.at, _alignments(rig, body)
-    turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
+    turns = np.empty((len(rig.parts), len(body.heads), 3, 3)).swapaxes(0, 1)  # in memory bone by bone, as it is used
     for index, part in enumerate(rig.parts):
         if part in SPINE:
             turns[:, index] = _of_spine(rig, body, index, aligned)
