@@ -33,7 +33,6 @@ def takes() -> Iterator[tuple[str, str, int, Take]]:
 
 
 def main():
-    """Prints a row of figures for each take."""
     rows = []
     for name, markerset, many, take in takes():
         with QtmServer(there_and_back(take.xyz, take.rate), take.rate) as server:

@@ -149,14 +149,12 @@ def make_pair(frames: int = 20, name: str = "duet", markerset: MarkerSet | None 
 
 @pytest.fixture(scope="session")
 def made() -> SimpleNamespace:
-    """Makers of marker sets, cameras, motions and takes."""
     makers = {"markerset": make_markerset, "cameras": make_cameras, "motion": make_motion, "blobs": make_blobs}
     return SimpleNamespace(**makers, take=make_take, pair=make_pair)
 
 
 @pytest.fixture
 def empty():
-    """An empty file, before and after."""
     bpy.ops.wm.read_homefile(use_empty=True)
     yield bpy.context
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -194,7 +192,6 @@ def extension(tmp_path_factory):
 
 @pytest.fixture
 def settings(extension, empty):
-    """Those of an empty scene."""
     return empty.scene.mocap_autolabel
 
 
@@ -281,7 +278,6 @@ def label_walk(folder: Path):
 
 
 def rows_of_export(path) -> list[list[str]]:
-    """The rows of the labels, as they are exported."""
     press("export_labels", filepath=path)
     return [line.split(",") for line in path.read_text().splitlines()[1:]]
 

@@ -79,7 +79,6 @@ def suspects() -> list[tuple[int, int, str]]:
 
 
 def picked() -> list[int]:
-    """The trajectories that are picked."""
     return [row.point for row in session().picked]
 
 

@@ -289,19 +289,16 @@ KEYED = np.arange(11, 71)
 
 @pytest.fixture
 def bag(empty):
-    """The channels of an object."""
     item = bpy.data.objects.new("LKNE", None)
     empty.scene.collection.objects.link(item)
     return animation.bind(item, bpy.data.actions.new("walk"))
 
 
 def keys_of(bag) -> list[list[tuple]]:
-    """What is known of each key of each channel."""
     return [[(*key.co, key.interpolation, key.type) for key in curve.keyframe_points] for curve in bag.fcurves]
 
 
 def path(rng) -> np.ndarray:
-    """A path, with some gaps."""
     xyz = rng.normal(size=(len(KEYED), 3)).astype(np.float32)
     for start in rng.integers(0, len(KEYED), rng.integers(0, 3)):
         xyz[start : start + 4] = np.nan

@@ -22,7 +22,6 @@ from addon.io.points import read_points
 from addon.scene import picking
 from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
-from tests.io.pages import read as read_page
 
 from .conftest import label_walk, labelled_by_job, rows_of_export
 from .hands import (
@@ -244,18 +243,6 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
         refused("no file was named; expected the one to write", f"export_{name}")
     scene.mocap_autolabel.take = None
     refused("Label a take first", "unlabel")
-
-
-def test_the_page_of_a_take_says_what_was_said_of_it(labelled, files, tmp_path):
-    choose("LKNE", "RKNE")
-    press("swap_markers", scope="ON")
-    path = tmp_path / "walk.report.html"
-    press("export_report", filepath=path, open_after=False)
-    page = read_page(path)
-    for words in ("LKNE and RKNE swapped, frames 120–130", "points named", f"{len(files.names)} markers", "by hand"):
-        assert words in page.words, words
-    strips = [each.get("aria-label", "") for tag, each in page.found if tag == "svg"]
-    assert any(label.startswith("LKNE: ") and "edited " in label for label in strips)
 
 
 def test_what_was_listed_or_picked_in_another_scene_is_not_changed_in_this_one(labelled, files):

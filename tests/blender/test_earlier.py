@@ -26,7 +26,6 @@ VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
 
 @pytest.fixture(scope="module", params=VERSIONS)
 def kept(request) -> Path:
-    """The folder of a version."""
     return EARLIER / request.param
 
 

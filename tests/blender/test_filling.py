@@ -23,18 +23,15 @@ HERE = 101 + GAP.start + 2
 
 
 def kinds_of(name: str) -> dict[int, str]:
-    """The type of the keys of a marker, by frame."""
     return {int(key.co[0]): key.type for key in curves_of(shown()[name])[1].keyframe_points}
 
 
 def rows() -> list[tuple]:
-    """The list of fills in the sidebar."""
     return [(row.name, row.first, row.last, row.reason) for row in session().fills]
 
 
 @pytest.fixture
 def filled(labelled):
-    """The take with the gap of RASI filled."""
     labelled.scene.mocap_autolabel.filling.method = "rigid"
     choose("RASI")
     labelled.scene.frame_set(HERE)
@@ -275,7 +272,6 @@ RATE, CUTOFF = 60.0, 5.0
 
 
 def is_smooth(files, name: str):
-    """Asserts that a marker is keyed where its trajectory is when it is smoothed."""
     calm = smoothed(files.xyz, RATE, CUTOFF)[:, files.names.index(name)]
     there = np.isfinite(calm[:, 0])
     keys = keys_of(name)
@@ -285,7 +281,6 @@ def is_smooth(files, name: str):
 
 @pytest.fixture
 def calm(labelled):
-    """The take smoothed."""
     labelled.scene.mocap_autolabel.filling.cutoff = CUTOFF
     press("smooth")
     return labelled

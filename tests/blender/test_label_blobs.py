@@ -51,7 +51,6 @@ def labelled(extension, empty, files, made, monkeypatch):
 
 
 def row_of(files, name: str, camera: int, frame: int = 115) -> int:
-    """The row of a marker's blob."""
     own = (files.truth.marker == files.names.index(name)) & (files.seen.camera == camera)
     return int(np.flatnonzero(own & (files.seen.frame == frame - 101))[0])
 
@@ -62,7 +61,6 @@ def cameras_that_see(files, name: str) -> list[int]:
 
 
 def name_in_two(files, scope: str = "FRAME"):
-    """Names the lost marker's blob in two cameras."""
     for camera in cameras_that_see(files, LOST)[:2]:
         press("pick", point=row_of(files, LOST, camera))
         press("name_point", marker=LOST, scope=scope)

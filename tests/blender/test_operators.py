@@ -100,7 +100,6 @@ class Here:
 
 @pytest.fixture
 def in_fives(extension, labelling, monkeypatch):
-    """The job's blobs come five frames at a time."""
     job = ours("jobs.blobs")
     monkeypatch.setattr(job, "read_blobs", partial(job.read_blobs, chunk_frames=5))
 
@@ -265,7 +264,6 @@ KINDS_AT = (("VIEW_3D", 0), ("DOPESHEET_EDITOR", 800))
 
 
 def escape(x: int = 400, value: str = "PRESS", is_repeat: bool = False) -> SimpleNamespace:
-    """Esc at a place of the window."""
     return SimpleNamespace(type="ESC", value=value, is_repeat=is_repeat, mouse_x=x, mouse_y=300)
 
 
@@ -578,23 +576,6 @@ def test_work_is_done_by_one_process_and_shown_here_and_its_death_is_one_sentenc
     press("cancel")
     assert operator.tick(context) == {"CANCELLED"}
     assert long_work._workers == []
-
-
-def test_trouble_on_the_way_gives_everything_back(files, labelling, window, monkeypatch):
-    errors = ours("core.data.errors")
-
-    def label_take(*_, **__):
-        raise errors.JobError("nobody is here; expected a person")
-        yield
-
-    monkeypatch.setattr(labelling.pipeline, "label_take", label_take)
-    operator, context = window.operator, window.context
-    assert operator._begin(context) == {"RUNNING_MODAL"}
-    before = counts()
-    assert operator.run(context) == {"CANCELLED"}
-    assert operator.reports == [("ERROR", f"{files.blobs}: nobody is here; expected a person")]
-    assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
-    assert counts() == before
 
 
 def test_the_review_names_gaps_and_suspects_and_its_buttons_lead_there(ready, labelling):

@@ -24,7 +24,6 @@ from .hands import ours
 
 @pytest.fixture
 def marks(extension):
-    """The module that works out what to draw."""
     return ours("ui.marks")
 
 

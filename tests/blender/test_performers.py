@@ -12,7 +12,6 @@ from mathutils import Color
 from addon.cli import main as command
 from addon.core.data.takes import Motion
 from addon.core.points.models import Model
-from addon.core.posing.ends import with_ends
 from addon.core.posing.finer import finer
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.models import write_model
@@ -154,24 +153,6 @@ def test_one_performer_has_no_name(empty, made):
     own = only.motion_of(stored.motion)
     for field in Motion.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(own, field), getattr(stored.motion, field))
-
-
-def test_a_range_is_put_into_a_take_whose_bodies_had_no_toes(empty, made):
-    markerset = open_markerset("gait15")
-    longer = with_ends(markerset)
-    count, known = len(longer.skeleton), len(markerset.skeleton)
-    assert count == known + 2
-    old, whole = with_range(empty, made, markerset, longer)
-    for number in range(2):
-        there, before = whole.joints[:, number * count :][:, :count], old.joints[:, number * known :][:, :known]
-        outside = np.r_[0:5, 9 : len(whole.frames)]
-        np.testing.assert_allclose(there[outside, :known], before[outside], atol=1e-6)
-        found = np.isfinite(before).all(axis=(1, 2))
-        np.testing.assert_array_equal(np.isfinite(there).all(axis=(1, 2))[outside], found[outside])
-        for toes, feet in zip(range(known, count), longer.skeleton.parents[known:], strict=True):
-            far = np.linalg.norm(there[outside, toes] - there[outside, feet], axis=1)
-            size = 1.6 * 1.1**number * np.linalg.norm(longer.skeleton.offsets[toes])
-            np.testing.assert_allclose(far[np.isfinite(far)], size, rtol=1e-4)
 
 
 def test_a_range_is_put_into_a_take_whose_bodies_had_other_joints(empty, made):

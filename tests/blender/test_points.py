@@ -53,7 +53,6 @@ def files(tmp_path_factory, made):
 
 @pytest.fixture
 def imported(extension, empty, files):
-    """A scene with the points in it, and the marker set chosen."""
     press("import_points", filepath=files.folder / "walk.c3d")
     press("open_markerset", filepath=files.markerset)
     return empty
@@ -61,7 +60,6 @@ def imported(extension, empty, files):
 
 @pytest.fixture
 def naming_known(name_as, files):
-    """The job with a naming that knows the truth."""
     name_as(files.truth)
 
 
@@ -299,19 +297,6 @@ def test_doubtful_points_are_told_from_sure_ones(extension):
     assert (len(first.unnamed), len(second.unnamed), second.asked) == (1, 1, {})
     assert third.doubtful.tolist() == [True, True, False]
     assert third.asked == {0: "trajectory 4", 1: "trajectory 41"}
-
-
-def test_trouble_is_one_sentence_and_leaves_nothing(extension, empty, files, tmp_path):
-    refused("Open the calibration of the cameras first, or 3D points", "label")
-    bad = tmp_path / "bad.c3d"
-    bad.write_bytes(b"\x02P" + b"\0" * 600)
-    before = len(bpy.data.objects), len(bpy.data.meshes)
-    refused(r"bad\.c3d", "import_points", filepath=bad)
-    assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
-    press("import_points", filepath=files.folder / "motive.csv")
-    press("open_markerset", filepath=files.markerset)
-    refused(r"motive\.csv: .*expected", "label")
-    assert empty.scene.mocap_autolabel.take is None
 
 
 @pytest.fixture

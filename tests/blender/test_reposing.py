@@ -50,7 +50,6 @@ def labelled(extension, empty, files, name_as):
 
 @pytest.fixture
 def reposing(extension):
-    """What lets the body follow."""
     return ours("ops.reposing")
 
 

@@ -153,7 +153,6 @@ def test_a_take_that_blender_cannot_map_is_left_as_it_is_and_named(empty, made):
 
 
 def keyed(collection) -> list[float]:
-    """When a marker of a take has keys."""
     item = next(iter(shown(collection).values()))
     return [key.co[0] for key in curves_of(item)[0].keyframe_points]
 
@@ -247,7 +246,6 @@ def test_there_and_back_again_nothing_is_another(mapped):
 
 
 def read(collection) -> Stored:
-    """A take as the file has it by now."""
     return Opened().take(collection, bpy.context.scene)
 
 

@@ -38,7 +38,6 @@ def files(tmp_path_factory, made):
 
 @pytest.fixture
 def listed(extension, empty, files):
-    """A scene with both takes in the list."""
     chosen = [{"name": "one.c3d"}, {"name": "two.c3d"}]
     press("add_training_takes", directory=files.folder, files=chosen)
     return empty
@@ -213,7 +212,6 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, jobs
 
 
 def unsure(standing, marker: str, frame: int):
-    """Makes a marker's name in one of the take's frames doubtful."""
     table = standing.settings.take["mocap_blobs"]
     of, at = ([one.value for one in table.attributes[name].data] for name in ("marker", "frame"))
     [row] = [i for i, pair in enumerate(zip(of, at, strict=True)) if pair == (standing.names.index(marker), frame)]

@@ -37,7 +37,6 @@ class Room:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The take as points, as blobs, and the cameras."""
         return self.c3d, self.blobs, self.cameras
 
 
@@ -71,7 +70,6 @@ class Answer:
 
     @property
     def json(self) -> dict:
-        """The one object that it printed."""
         return json.loads(self.out)
 
     def refusal(self, status: int) -> str:
@@ -81,7 +79,6 @@ class Answer:
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """A table's rows."""
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
 
@@ -129,8 +126,6 @@ def copies(room, tmp_path):
 
 @pytest.fixture
 def run(capsys):
-    """Runs a command line and gives what it said."""
-
     def call(*words) -> Answer:
         capsys.readouterr()
         status = main([str(word) for word in words])
@@ -142,8 +137,6 @@ def run(capsys):
 
 @pytest.fixture
 def label(run, room, tmp_path):
-    """Labels blobs with whatever else is said, into a fresh folder."""
-
     def call(*words, blobs=None, cameras=None) -> Answer:
         inputs = blobs or [room.blobs]
         where = ["--cameras", cameras or room.cameras, "--out", tmp_path / "out"]
@@ -154,8 +147,6 @@ def label(run, room, tmp_path):
 
 @pytest.fixture
 def figures(run):
-    """Compares labels with the truth, and gives the figures."""
-
     def call(labels, truth, *words) -> dict:
         return run("evaluate", labels, truth, "--json", *words).done().json
 
@@ -164,7 +155,6 @@ def figures(run):
 
 @pytest.fixture(scope="session")
 def trained(room, tmp_path_factory) -> Path:
-    """A model of the room's person alone."""
     model = tmp_path_factory.mktemp("trained") / "me.markerset.json"
     assert main(["train", str(room.c3d), "--out", str(model), "--search", "none"]) == 0
     return model

@@ -28,13 +28,11 @@ LONG = 30  # times the walk, which takes longer than whoever stops it needs
 
 @pytest.fixture
 def takes(copies):
-    """Three takes of the same blobs."""
     return copies("one", "two", "three")
 
 
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):
-    """A folder of the test's own for temporary files."""
     folder = tmp_path / "temporary"
     folder.mkdir()
     monkeypatch.setenv("TMPDIR", str(folder))
@@ -44,8 +42,6 @@ def temporary(tmp_path, monkeypatch):
 
 @pytest.fixture
 def poisoned(monkeypatch):
-    """Makes the labelling of the take `two` raise."""
-
     def poison(trouble):
         whole = jobs.label_file
 

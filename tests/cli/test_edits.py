@@ -36,7 +36,6 @@ def edited(tmp_path):
 
 
 def once_an_image(rows: list[dict], keys) -> bool:
-    """Whether no marker is twice in an image, or a frame of points."""
     return max(Counter((*(row[key] for key in keys), row["marker"]) for row in rows if row["marker"]).values()) == 1
 
 

@@ -67,7 +67,6 @@ class Farm:
             wait_for(lambda: name in self.names())
 
     def takes_at(self, name: str) -> int:
-        """How many takes a worker has got."""
         info = self.client.scheduler_info(n_workers=-1)["workers"]
         addresses = [address for address, worker in info.items() if worker["name"] == name]
         processing = self.client.processing()
@@ -82,7 +81,6 @@ def started(tmp_path_factory):
 
 @pytest.fixture
 def farmed(started, label):
-    """Labels takes by two workers."""
     for name in ("one", "two"):
         started.worker(name)
     return lambda *words, **more: label(*words, "--engine", "dask", "--scheduler", started.address, **more)

@@ -21,7 +21,6 @@ from tests.faults.stage import wait_for
 
 
 def looked_at(worker):
-    """What comes of what a process does."""
     found = []
     wait_for(lambda: found.append(worker.look()) or found[-1] is not None)
     return found[-1]

@@ -32,7 +32,6 @@ class Full(io.StringIO):
 
 @pytest.fixture
 def words(room, tmp_path):
-    """A command line that labels one frame."""
     where = ["--cameras", str(room.cameras), "--out", str(tmp_path / "out"), "--frames", "100:100"]
     return ["label", str(room.blobs), "--model", "body26", *where]
 

@@ -65,7 +65,6 @@ def takes(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trained(takes, tmp_path_factory):
-    """A model of two of the creatures, with its report."""
     folder = tmp_path_factory.mktemp("model")
     model, report = folder / "dog.markerset.json", folder / "report.json"
     assert main(["train", *map(str, takes[:2]), "--out", str(model), "--report", str(report)]) == 0

@@ -9,11 +9,9 @@ from addon.io.models import open_model
 
 @pytest.fixture(scope="session")
 def model():
-    """The built-in model of the lower body."""
     return open_model("gait15")
 
 
 @pytest.fixture(scope="session")
 def known():
-    """All built-in marker sets."""
     return [open_markerset(name) for name in builtin_markersets()]

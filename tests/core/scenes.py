@@ -23,14 +23,12 @@ FLAWLESS = CaptureOptions(noise=0.0, dropout=0.0, reflections=0, flicker=0.0)
 
 
 def joined(captures: Iterator[Capture]) -> Capture:
-    """All chunks of a capture as one."""
     chunks = list(captures)
     return Capture(Blobs.join(chunk.blobs for chunk in chunks), np.concatenate([chunk.truth for chunk in chunks]))
 
 
 @cache
 def built_in(name: str) -> MarkerSet:
-    """A marker set that ships with the project."""
     return open_markerset(name)
 
 
@@ -50,7 +48,6 @@ class Scene:
         return BodyModel(self.markerset).pose(self.bodies).markers
 
     def views(self) -> list[View]:
-        """The frames, ready to be labelled."""
         return split_views(self.blobs, self.cameras)
 
     def given(self, view: View, naming) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +122,6 @@ def stand(markerset: MarkerSet, cameras: Cameras, seed=0, facing=0.0, height=Non
 
 
 def act(markerset: MarkerSet, cameras: Cameras, acts, seed=0, options=CLEAN, rate=RATE) -> Scene:
-    """A person who performs."""
     bodies = perform(BodyModel(markerset), person_of(markerset, seed), acts, rate, seed)
     return film(markerset, cameras, bodies, options)
 
@@ -147,7 +143,6 @@ def abreast(markerset: MarkerSet, seeds, frames: int, rate: float, apart: float,
 
 
 def cut(blobs: Blobs, size: int) -> list[Blobs]:
-    """The same frames in chunks of `size` frames."""
     return [blobs.between(first, first + size - 1) for first in blobs.frames[::size]]
 
 
@@ -157,7 +152,6 @@ def parts_of(blobs: Blobs, size: int) -> list[tuple[Blobs, float]]:
 
 
 def keep(blobs: Blobs, rows: np.ndarray) -> Blobs:
-    """The same frames with some of their blobs."""
     return blobs.part(slice(0, len(blobs.frames)), rows)
 
 

@@ -63,7 +63,6 @@ class Judge:
 
     @property
     def names(self) -> set[str]:
-        """The files that may be there."""
         return files_of(self.takes) | SUMMARIES
 
     def finished(self, take: str, out: Path) -> bool:
@@ -116,13 +115,11 @@ class Try:
         self.at_work = True  # whether the fault met a batch at work
 
     def begin(self, *more: str, takes: Sequence[str] = (), **process) -> Run:
-        """Starts a batch."""
         jobs = self.chance.choice([1, 2])
         words = self.stage.words(takes or self.judge.takes, self.out, *more, jobs=jobs, inputs=self.inputs)
         return self.stage.start(words, self.temporary, **process)
 
     def wait(self, run: Run):
-        """Waits for the moment at which it happens."""
         self.at_work &= wait_for_a_moment(self.chance, self.stage.seconds, run, self.out)
 
     def go_on(self):

@@ -17,7 +17,6 @@ RADIUS = 3.0
 
 
 def two_cameras() -> Cameras:
-    """Those that the pictures are of."""
     matrix = [[300.0, 0, SIZE[0] / 2], [0, 300.0, SIZE[1] / 2], [0, 0, 1]]
     turns = [np.diag([1.0, -1, -1]), np.array([[0.0, 0, 1], [0, -1, 0], [1, 0, 0]])]
     return Cameras(NAMES, [SIZE] * 2, [matrix] * 2, np.zeros((2, 5)), turns, np.full((2, 3), 2.0))
@@ -40,7 +39,6 @@ def picture(frame: int, camera: int, size: tuple[int, int] = SIZE) -> np.ndarray
 
 
 def save_pictures(folder: Path, frames: Sequence[int], camera: int, size: tuple[int, int] = SIZE):
-    """Writes numbered pictures."""
     folder.mkdir(parents=True, exist_ok=True)
     for frame in frames:
         save_picture(folder / f"{frame:04}.png", picture(frame, camera, size))

@@ -117,7 +117,6 @@ def test_a_file_is_written_whole_or_not_at_all(path, monkeypatch):
 
 
 def refusal(path: Path, text: str) -> str:
-    """The sentence with which such a file is refused."""
     path.write_text(text)
     with pytest.raises(InputError) as caught:
         read_edits(path)

@@ -24,7 +24,6 @@ from tests.io.samples import HISTORY_OF_TWO, SHOWN, WALK, toy_model
 
 
 def toy_file(folder) -> tuple[Path, dict]:
-    """The toy's model in a file, and what stands in it."""
     path = folder / "toy.markerset.json"
     write_model(path, toy_model())
     return path, json.loads(path.read_text())

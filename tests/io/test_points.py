@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from addon.core.data.columns import Columns, beside_of
 from addon.core.data.errors import InputError
@@ -500,32 +498,6 @@ def test_every_up_axis_becomes_z(up):
     axis = np.eye(3)["XYZ".index(up[1])] * (1 if up[0] == "+" else -1)
     np.testing.assert_allclose(rotation @ axis, [0, 0, 1], atol=1e-15)
     assert np.linalg.det(rotation) == pytest.approx(1)
-
-
-@given(
-    st.integers(1, 30),
-    st.integers(1, 12),
-    st.integers(0, 100_000),
-    st.floats(1, 2000),
-    st.integers(0, 2**32 - 1),
-    st.lists(
-        st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Zs", "Cf", "Zl", "Zp"]), max_size=12),
-        min_size=12,
-        max_size=12,
-    ),
-)
-def test_any_take_survives_a_c3d_file(tmp_path_factory, frames, points, first, rate, seed, labels):
-    rng = np.random.default_rng(seed)
-    xyz = rng.uniform(-5, 5, (frames, points, 3))
-    xyz[rng.random((frames, points)) < 0.3] = np.nan
-    path = tmp_path_factory.mktemp("c3d") / "take.c3d"
-    residual = np.where(np.isnan(xyz[..., 0]), np.nan, 0.0)
-    write_c3d_file(path, labels[:points], xyz, residual, rate, first)
-    take = read_c3d(path)
-    assert take.labels == labels[:points]
-    assert (take.rate, take.first_frame) == (pytest.approx(rate, rel=1e-6), first)
-    np.testing.assert_allclose(take.xyz, xyz * 1000, atol=1e-3)
-    np.testing.assert_array_equal(take.residual, residual)
 
 
 @pytest.mark.parametrize(("write", "most"), [(write_c3d, 2e6), (write_trc, 5e6)])

@@ -218,7 +218,6 @@ with whole_files([folder / name for name in ("1", "2", "3")], "overwrite" in wor
 
 
 def killed(folder, *words):
-    """Runs KILLED to its end."""
     command = [sys.executable, "-c", KILLED, str(ROOT), str(folder), *map(str, words)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
 

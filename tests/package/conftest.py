@@ -29,7 +29,6 @@ def make_zip(tmp_path_factory) -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def blender_program() -> real_blender.RealBlender:
-    """A real Blender, the program."""
     try:
         return real_blender.find()
     except LookupError as reason:

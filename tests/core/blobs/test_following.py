@@ -76,7 +76,6 @@ def exchange(scene, results, frames, *markers):
 
 
 def part_of(results, first, end):
-    """Some of the frames, as a chunk of their own."""
     return {index - first: results[index] for index in range(first, end)}
 
 

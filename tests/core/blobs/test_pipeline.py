@@ -141,13 +141,6 @@ def test_lost_and_found_again(size):
     assert first == scene.blobs.frames[away.start]
 
 
-@pytest.mark.parametrize("size", [1000, 30])
-def test_a_person_who_comes_later_is_found(size):
-    scene = walk()
-    whole = Outcome(scene, scene.blobs.frame >= 50, size)
-    assert whole.right.mean() > 0.998 and whole.found[51:].all() and not whole.found[:50].any()
-
-
 def test_nobody_there_is_said():
     generator, scene = np.random.default_rng(1), walk()
     ghosts = scene.truth == ""

@@ -214,7 +214,6 @@ RING = ring_rig(8)
 
 @cache
 def case(name="body26", seed=2, rig=RIG):
-    """A scene of a standing person, its setup, and the subject as found in it."""
     scene = stand(built_in(name), rig, seed, facing=0.8, options=FLAWLESS)
     setup = Setup.of(rig, scene.markerset)
     return scene, setup, find_subject(scene.views()[0], setup, Hints())

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from addon.core.blobs import confidence
 from addon.core.blobs.confidence import CONFIDENCE
 from addon.core.blobs.image_tracklets import link_blobs
-from addon.core.blobs.pipeline import label_take
 from addon.core.blobs.tracking import Anchor, followed_by_library, followed_by_numpy
 from addon.core.body import bodies as posing
 from addon.core.body.bodies import PLACEMENT, Bodies, BodyModel
@@ -71,7 +70,6 @@ def both(function, *arguments):
 
 
 def refused(*calls):
-    """Each call is refused, in words."""
     for call in calls:
         with pytest.raises(ValueError, match="expected"):
             call()
@@ -313,19 +311,6 @@ def test_indices_and_shapes_beyond_are_refused():
     )
 
 
-@pytest.mark.parametrize("markerset", [toy_markerset(), built_in("gait15")], ids=["toy", "gait15"])
-def test_a_take_gets_the_same_labels(markerset):
-    rig = ring_rig(6, radius=4.5, volume_radius=1.3)
-    options = CaptureOptions(noise=0.3, reflections=1, flicker=0.3)
-    taken = act(markerset, rig, [Act(0.4, stride=0.9)], seed=5, options=options)
-    (one,) = label_take([taken.blobs], rig, markerset, 60.0)
-    with numpy_everywhere():
-        (other,) = label_take([taken.blobs], rig, markerset, 60.0)
-    assert (one.labels.marker == other.labels.marker).all() and (one.labels.step == other.labels.step).all()
-    same([one.labels.confidence], [other.labels.confidence], 1e-6)
-    assert one.labels.named.mean() > 0.8
-
-
 ROOM_RIG = ring_rig(4, radius=4.5, volume_radius=1.3)
 ROOM = CaptureOptions(noise=0.4, reflections=2, flicker=0.2)
 
@@ -338,7 +323,6 @@ class Nothing:
 
 
 def begun(name: str, occlusion=None):
-    """A setup, the views of a walk and a track that begins with its first frame."""
     markerset = toy_markerset() if name == "toy" else built_in(name)
     walk = act(markerset, ROOM_RIG, [Act(0.4, stride=0.9)], seed=4, options=ROOM)
     setup, views, _, track = begun_in(walk, occlusion)

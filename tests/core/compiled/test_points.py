@@ -33,7 +33,6 @@ SEEDS = st.integers(0, 2**16)
 
 @cache
 def learned(name: str):
-    """What a built-in model knows of points."""
     return open_model(name).likelihood
 
 
@@ -207,7 +206,6 @@ SOURCES = "".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "k
 
 @pytest.fixture
 def library_file() -> Path:
-    """The compiled library that is in use."""
     if library.compiled is None:
         pytest.skip("the compiled library is not in use")
     return Path(library.compiled._name)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from addon.core.geometry import rotations
 from addon.core.geometry.force_plates import force_on_plate
-from addon.core.geometry.triangulation import Rays, meet_rows
+from addon.core.geometry.triangulation import Rays
 from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import blobs_at
@@ -72,23 +72,6 @@ def test_weights_make_the_reprojection_error_least():
     best = error(met.points)
     moved = [error(met.points + step) for step in 0.002 * np.vstack([np.eye(3), -np.eye(3)])]
     assert best < min(moved)
-
-
-def test_rows_of_rays_meet_where_a_frames_rays_do():
-    cameras = ring_rig(5, generator=np.random.default_rng(1))
-    points = np.random.default_rng(2).uniform([-0.5, -0.5, 0.1], [0.5, 0.5, 1.8], (6, 3))
-    ideal = cameras.normalised(points)
-    camera, point = np.divmod(np.arange(30), 6)
-    image = ideal[camera, point]
-    assert np.allclose(meet_rows(cameras, camera, image, point, 6), points, atol=1e-6)
-    image[3] += 0.05  # camera 0's ray of point 3
-    without = meet_rows(cameras, camera, image, point, 6, others=True)
-    assert np.linalg.norm(without[3] - points[3]) < 1e-6 < np.linalg.norm(without[9] - points[3])
-    one = point == 2
-    one[2] = False
-    lone = meet_rows(cameras, camera[point == 2][:1], image[point == 2][:1], np.zeros(1, int), 2)
-    assert np.isnan(lone).all()
-    assert np.allclose(meet_rows(cameras, camera[one], image[one], 0 * point[one], 1), points[2:3], atol=1e-6)
 
 
 parts = st.floats(-1, 1, allow_subnormal=False)

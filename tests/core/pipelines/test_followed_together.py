@@ -261,30 +261,6 @@ def test_a_chunk_in_a_room_is_what_it_was_and_not_held(shot, found):
     assert len(followed_together.ChunkInRoom.of(nothing, Room(ExitStack(), 0)).read().labels.marker) == 0
 
 
-def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them():
-    """Four points of two in two cameras, of which a frame is sure; each has the markers 0 and 1."""
-    slots = np.array([[0, 0], [1, 1], [2, 2], [3, 3]])
-    look = followed_together.LookedAt(0, slots, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]))
-    for owners, contradicted, explained in (
-        ([0, 1, 2, 3], [0, 0, 0, 0], [1, 1, 1, 1]),
-        ([2, 3, 0, 1], [0, 0, 0, 0], [1, 1, 1, 1]),
-        ([1, 0, 2, 3], [1, 1, 0, 0], [0, 0, 1, 1]),
-        ([0, -1, 2, 3], [0, 0, 0, 0], [1, 0, 1, 1]),
-        ([0, 1, 3, -1], [0, 0, 1, 0], [1, 1, 0, 0]),
-    ):
-        owner = np.array([owners, owners])
-        assert look.contradicted(owner, 2).tolist() == list(map(bool, contradicted))
-        assert look.explained(owner, 2).tolist() == list(map(bool, explained))
-    assert look.explained(np.array([[0, 1, 2, 3], [0, 1, 2, 1]]), 2).tolist() == [True, True, True, False]
-    doubts = followed_together.Doubts([look], 2)
-    for start, counted in ((-1, 2), (-1, 2), (3, 0)):  # seen from both sides it is the frame that errs
-        doubts.begin(start)
-        doubts.add(0, np.array([[1, 0, 2, 3]] * 2))
-        doubts.add(5, np.array([[1, 0, 2, 3]] * 2))  # nobody looks there
-        assert doubts.count == {0: counted}
-        assert doubts.are_many == (counted == 2)
-
-
 def test_what_a_frame_beside_says_alike_is_no_error_of_one_frame_unless_both_sides_deny_it():
     slots, group, marker = np.array([[0, 0], [1, 1], [2, 2], [3, 3]]), np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
     look, beside = (followed_together.LookedAt(at, slots, group, marker) for at in (0, 2))

@@ -52,7 +52,6 @@ def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def plated() -> Model:
-    """A model of the robot, whose markers are all on plates."""
     names = tuple(f"M{index}" for index in range(4 * PLATES))
     likelihood = learn_likelihood([(robot(1), "one")], names)
     assert likelihood.rigid_bodies is not None

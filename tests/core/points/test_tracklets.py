@@ -59,33 +59,6 @@ def test_long_gaps_and_leaps_part_pieces_and_a_column_may_carry_two_markers():
     assert change.reason == "trajectory 0 is A and, behind a gap or a leap, B"
 
 
-def test_points_without_trajectories_keep_their_own_names_and_windows_change_no_long_trajectory():
-    shuffled = np.random.default_rng(0).permuted(straight(40, 12) * [1, 4, 1], axis=1)
-    tracklet = cut(shuffled, RATE)
-    marker = np.random.default_rng(1).integers(0, 5, tracklet.shape)
-    voted = Votes.of(labelled(marker, 1.0), tracklet, list("ABCDE"), 0)
-    np.testing.assert_array_equal(voted.marker, marker)
-    tracklet = cut(straight(VOTE.window_frames * 2 + 300, 2), RATE)
-    marker = np.tile([1, 0], (len(tracklet), 1))
-    marker[::7] = NO_MARKER
-    voted = Votes.of(labelled(marker, 0.95), tracklet, ["A", "B"], 10)
-    np.testing.assert_array_equal(voted.marker, np.tile([1, 0], (len(tracklet), 1)))
-    assert voted.suspects == ()
-
-
-def test_doubts_name_the_column_of_the_file():
-    points = straight(120, 3)
-    points[:, 0] = np.nan
-    tracklet = cut(points, RATE)
-    marker = np.full(tracklet.shape, NO_MARKER)
-    marker[:, 1] = 0
-    marker[:60, 2], marker[60:, 2] = 1, 2
-    voted = Votes.of(labelled(marker, 0.99), tracklet, ["A", "B", "C"], 5)
-    [swap] = voted.suspects
-    assert (swap.trajectory, swap.reason) == (2, "trajectory 2 goes over from B to C")
-    assert abs(swap.first - 64) <= 2
-
-
 @pytest.mark.parametrize("frame", [VOTE.window_frames, VOTE.window_frames - 100, VOTE.window_frames * 2 + 300 - 90])
 def test_a_swap_at_a_window_s_border_or_late_in_it_is_followed_and_said(frame):
     tracklet = cut(straight(VOTE.window_frames * 2 + 300, 2), RATE)
@@ -108,17 +81,6 @@ def said(rows, present: np.ndarray | None = None):
     present = np.ones(marker.shape, dtype=bool) if present is None else present
     marker = np.where(present, marker, NO_MARKER)
     return labelled(marker, np.where(marker >= 0, 0.98, 0.0)), np.where(present, np.arange(marker.shape[1]), -1)
-
-
-def test_a_few_wrong_frames_are_outvoted():
-    left = np.zeros(200, dtype=int)
-    left[50:60] = 1
-    right = np.ones(200, dtype=int)
-    right[50:60] = 0
-    voted = vote(*said([left, right]), NAMES)
-    assert (voted.labels.marker == [0, 1]).all()
-    assert voted.suspects == ()
-    assert (voted.labels.confidence > 0.99).all()
 
 
 def test_a_name_goes_to_who_says_more_to_all_pieces_that_follow_each_other_and_to_no_ghost():
@@ -216,18 +178,3 @@ def test_lanes_change_nothing_of_what_is_said(model, points, edited):
     if edited:
         np.testing.assert_array_equal(chunk.unedited.marker, chunk_too.unedited.marker)
         assert all(one.labels for one in chunk.outcomes)
-
-
-def test_a_change_of_trajectory_parts_tracklets_however_near_the_next_one_begins():
-    along = np.arange(60)[:, None] / RATE * [1.0, 0, 0]
-    xyz = np.full((60, 4, 3), np.nan)
-    xyz[:30, 0], xyz[30:, 1], xyz[:30, 2], xyz[30:, 3] = along[:30], along[30:], along[:30] + 1, along[30:] + 1
-    take = packed(xyz)
-    assert take.lanes.count == 2
-    tracklet = cut(take.xyz, RATE, lanes=take.lanes)
-    numbers = cut(xyz, RATE)
-    for number, span, lane in take.lanes.each_alone():
-        np.testing.assert_array_equal(tracklet[span, lane], numbers[span, number])
-    marker = np.where(np.arange(60)[:, None] < 30, 0, 1) * np.ones((1, 2), int)
-    assert renamed(marker, tracklet, ["A", "B"], lanes=take.lanes) == ()
-    assert len(renamed(marker, tracklet, ["A", "B"])) == 2, "of one trajectory each it would be said"

@@ -248,18 +248,6 @@ def test_gradient_is_half_the_slope_of_the_cost(seed):
     np.testing.assert_allclose(prior.terms(bodies)[1], half, rtol=1e-5, atol=1e-5)
 
 
-def test_one_newton_step_reaches_the_least_cost():
-    prior, bodies = Prior(TOY), some_bodies(1)
-    cost, gradient, hessian = prior.terms(bodies)
-    free = np.arange(6, TOY.parameters)
-    step = np.zeros_like(gradient)
-    step[:, free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[:, free, None])[..., 0]
-    after = bodies.moved(step)
-    np.testing.assert_allclose(prior.terms(after)[0], 0, atol=1e-9)
-    np.testing.assert_allclose(after.scale, TOY.markerset.spread.height, atol=1e-9)
-    assert (cost > 0).all()
-
-
 def test_a_set_that_is_sure_of_the_height_is_held_to_it_and_where_one_stands_costs_nothing():
     spread = replace(TOY.markerset.spread, height_sd=0.0)
     sure = Prior(BodyModel(replace(TOY.markerset, spread=spread)))

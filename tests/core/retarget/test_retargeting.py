@@ -240,19 +240,6 @@ def test_legs_in_the_air_are_as_the_body_s_and_they_and_the_hips_get_there_smoot
         np.testing.assert_allclose(found[::-1], ahead, atol=1e-9)
 
 
-@pytest.mark.parametrize("fade", [1, 2, 7, 20])
-def test_what_fades_leaves_what_is_known_stays_within_it_and_is_the_same_backwards(fade):
-    rng = np.random.default_rng(0)
-    rows = np.flatnonzero(rng.random(80) < 0.3)
-    values = rng.normal(size=(len(rows), 3))
-    found = _fading(rows, values, 80, fade)
-    np.testing.assert_array_equal(found[rows], values)
-    np.testing.assert_allclose(_fading(79 - rows[::-1], values[::-1], 80, fade)[::-1], found, atol=1e-12)
-    ones = _fading(rows, np.ones_like(values), 80, fade)
-    assert ones.min() > -1e-12
-    assert ones.max() < 1 + 1e-12
-
-
 def test_what_fades_goes_on_as_its_own_plant_went_and_not_as_the_noise_of_a_frame():
     rows = np.r_[0:30, 400:411]
     values = (rows >= 400) + 0.01 * (-1.0) ** rows

@@ -43,18 +43,6 @@ def test_the_body_hides_what_its_occlusion_says_and_nothing_else():
     assert 0.1 < hidden.mean() < 0.5
 
 
-def test_chunks_are_the_whole_take_in_parts(monkeypatch):
-    monkeypatch.setattr("addon.core.simulation.simulate.CHUNK_FRAMES", 20)
-    markerset, markers, body = still(50)
-    chunks = list(capture(markers, markerset.markers, paper_rig(), body=body, first_frame=101))
-    assert [len(chunk.blobs.frames) for chunk in chunks] == [20, 20, 10]
-    whole = joined(iter(chunks))
-    assert whole.blobs.frames.tolist() == list(range(101, 151))
-    assert (np.diff(whole.blobs.frame) >= 0).all()
-    assert whole.blobs.frame.max() == 49
-    assert len(whole.truth) == len(whole.blobs) == sum(len(chunk.blobs) for chunk in chunks)
-
-
 def test_noise_and_dropouts_are_as_asked_for_and_reflections_stay_where_they_are():
     cameras = paper_rig()
     markerset, markers, _ = still(300)
@@ -208,14 +196,6 @@ def test_people_differ_as_much_as_the_marker_set_says_and_those_of_one_seed_not_
     assert not np.array_equal(one.bends, perform(MODEL, person(), DEMO, RATE, seed=5).bends)
 
 
-@pytest.mark.parametrize("rate", [30.0, 100.0, 59.94])
-def test_a_performance_lasts_as_long_as_its_acts(rate):
-    bodies = perform(MODEL, person(), DEMO, rate)
-    assert len(bodies) == round(sum(act.seconds for act in DEMO) * rate)
-    assert all(np.isfinite(getattr(bodies, name)).all() for name in type(bodies).__dataclass_fields__)
-    assert np.linalg.norm(bodies.quaternion, axis=1) == pytest.approx(np.ones(len(bodies)))
-
-
 def test_someone_always_stands_on_the_floor_does_not_slide_and_walks_the_way_they_face(walk):
     points = soles(walk)
     lowest = points[..., 2].min(axis=1)
@@ -227,16 +207,6 @@ def test_someone_always_stands_on_the_floor_does_not_slide_and_walks_the_way_the
     assert 0.7 < np.linalg.norm(way) / 4 < 1.6
     assert np.arctan2(way[1], way[0]) == pytest.approx(0.5, abs=0.15)
     assert np.abs(walk.translation[0, :2] + walk.translation[-1, :2]).max() < 0.3
-
-
-def test_raised_arms_are_above_the_head_and_turns_turn():
-    bodies = perform(MODEL, person(), [Act(1), Act(2, left=1.0), Act(2, turn=np.pi / 2), Act(1)], RATE)
-    up = int(2.0 * RATE)
-    assert marker(bodies, "LWRA")[up, 2] > marker(bodies, "LFHD")[up, 2]
-    assert marker(bodies, "RWRA")[up, 2] < marker(bodies, "LASI")[up, 2] + 0.1
-    hips = marker(bodies, "LASI") - marker(bodies, "RASI")
-    facing = np.unwrap(np.arctan2(-hips[:, 0], hips[:, 1]))
-    assert facing[-1] - facing[0] == pytest.approx(np.pi / 2, abs=0.1)
 
 
 def test_a_marker_set_without_legs_is_told_so():

@@ -68,7 +68,6 @@ def swap() -> Iterator[float]:
 
 
 def press(name: str) -> Iterator[float]:
-    """Presses an operator's button."""
     places = yield from window.scroll_to(OPERATOR + name)
     yield from window.click(*places[OPERATOR + name])
 

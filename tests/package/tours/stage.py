@@ -41,7 +41,6 @@ def play(walk: Callable[[dict], Iterator[float]]):
 
 
 def module(name: str):
-    """A module of the extension."""
     return importlib.import_module(f"{EXTENSION}.addon.{name}")
 
 
@@ -51,7 +50,6 @@ def settings() -> bpy.types.PropertyGroup:
 
 
 def state() -> bpy.types.PropertyGroup:
-    """What the sidebar knows."""
     return bpy.context.window_manager.mocap_autolabel
 
 
@@ -75,7 +73,6 @@ def corrections() -> list[str]:
 
 
 def picked() -> list[int]:
-    """The trajectories, or rows of blobs, that are picked."""
     return [row.point for row in state().picked]
 
 
@@ -85,7 +82,6 @@ def asked() -> str:
 
 
 def set_tool():
-    """Makes Label the active tool."""
     with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
         bpy.ops.wm.tool_set_by_id(name="mocap_autolabel.label_tool")
 

@@ -87,7 +87,6 @@ def waited(steps: dict, name: str, clicks: int, keys: int = 0) -> Iterator[None]
 
 
 def press(name: str) -> Iterator[float]:
-    """Presses an operator's button."""
     places = yield from window.scroll_to(OPERATOR + name)
     yield from window.click(*places[OPERATOR + name])
 

@@ -145,19 +145,6 @@ def test_frames_without_points_get_no_names(likelihood):
     assert (chunk.confidence == 0).all()
 
 
-def test_a_frame_in_a_crowd_is_nothing_to_its_neighbours(likelihood):
-    trial = make_trial(walker(78, 20), (0, 3), (0, 2), np.random.default_rng(2))
-    ghosts = np.full((20, 8, 3), np.nan)
-    ghosts[5] = trial.points[5, :1] + np.random.default_rng(3).normal(0, 0.5, (8, 3))
-    crowded = np.concatenate([trial.points, ghosts], axis=1)
-    alone, together = label_some(likelihood, trial.points), label_some(likelihood, crowded)
-    others = np.arange(20) != 5
-    width = trial.points.shape[1]
-    assert (together.marker[others, :width] == alone.marker[others]).all()
-    assert np.allclose(together.confidence[others, :width], alone.confidence[others], atol=1e-9)
-    assert (together.marker[others, width:] < 0).all()
-
-
 MARKERS = 7
 NAMING = [0, 1, 2, 3, 4, NO_POINT, NO_POINT]
 
@@ -224,16 +211,6 @@ def test_moving_and_swapping_gain_what_trying_gains(scene, way, one, other):
     tried[one], tried[other] = tried[other] if way == "swap" else NO_POINT, tried[one]
     gain = getattr(solving.alternatives(model, constraints, before), way)[0, one, other]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], rel=1e-6, abs=1e-4)
-
-
-def test_alignment_undoes_a_turn_and_a_step():
-    rng = np.random.default_rng(5)
-    template = rng.normal(size=(6, 3))
-    moved = turned(template[None], np.array([2.1])) + np.array([3.0, -4.0, 0.5])
-    moved[0, 2] = np.nan
-    aligned = upright_aligned(moved, template)[0]
-    assert np.isnan(aligned[2]).all()
-    assert np.allclose(np.delete(aligned, 2, axis=0), np.delete(template, 2, axis=0))
 
 
 def made_up(seed: int) -> np.ndarray:

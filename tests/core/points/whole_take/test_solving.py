@@ -172,18 +172,6 @@ def is_tried(marker: np.ndarray, proposals) -> bool:
     return any((one == marker).all() for one in proposals)
 
 
-def test_what_is_there_without_a_name_may_be_a_marker_that_is_not(model, markers):
-    objective, truth = objective_of(model, *pieces(markers, hidden=0))
-    unnamed = np.where(truth == 3, NO_MARKER, truth)
-    assert is_tried(truth, Search(objective, unnamed, USUAL_FREEDOM)._chains())
-    parted = np.where(np.arange(FRAMES)[:, None, None] % 100 < 5, np.nan, markers)
-    objective, truth = objective_of(model, *pieces(parted, hidden=0))
-    for of in np.flatnonzero(truth == 3).tolist():
-        search = Search(objective, np.where(np.arange(len(truth)) == of, NO_MARKER, truth), USUAL_FREEDOM)
-        search._odds = np.full_like(search._odds, -20)
-        assert is_tried(truth, search._alone())
-
-
 def test_a_name_that_another_has_for_a_while_goes_to_what_is_likelier_it(model, markers):
     one, other = (model.markerset.index(name) for name in LEFT_WRIST)
     hidden = markers.copy()
