@@ -115,7 +115,8 @@ def mistaken_unit(
     if model.likelihood is None:
         return None
     own, seen = _sizes(model.likelihood.shape.mean[None]), _sizes(points)
-    off = {pair: np.abs(np.log(seen * UNIT_M[pair[0]] / UNIT_M[pair[1]] / own)) for pair in permutations(UNIT_M, 2)}
+    with np.errstate(divide="ignore"):  # of points that are all in one place
+        off = {pair: np.abs(np.log(seen * UNIT_M[pair[0]] / UNIT_M[pair[1]] / own)) for pair in permutations(UNIT_M, 2)}
     near = [pair for pair in off if (off[pair] < np.log(POSSIBLE.max_size)).all()]
     for unit, taken_for in sorted(near, key=lambda pair: off[pair][0]):
         times = UNIT_M[taken_for] / UNIT_M[unit]

@@ -187,6 +187,12 @@ def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
         labelled(turned / times if too_small else turned * times, RATE, model)
 
 
+@pytest.mark.filterwarnings("error")
+def test_points_that_are_all_in_one_place_are_refused_without_a_warning(model, walk):
+    with pytest.raises(ForceableError, match="does not look like a take of model"):
+        labelled(np.ones_like(walk), RATE, model)
+
+
 def test_the_unit_is_said_where_frames_are_sure_of_it_and_who_is_slow_can_be_at_any_rate(model, walk):
     with pytest.raises(JobError, match=r"seems to be in cm and is taken for mm: its points are 0\.1 times as far"):
         labelled(walk / 10, RATE, model)
