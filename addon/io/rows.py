@@ -71,12 +71,14 @@ class Rows:
         return Rows(**arrays, keys=[key for part in parts for key in part.keys])
 
 
-def read_header(head: bytes, path: Path) -> tuple[Header, int]:
-    """The columns and the offset of the first row, from the beginning of the file."""
-    expected = (
-        "expected a blob file with the header frame,camera,x,y and optionally area, or a take of 3D points: .c3d, "
-        ".trc, Motive or Vicon .csv, or Qualisys .tsv"
-    )
+def read_header(head: bytes, path: Path, or_points: bool = False) -> tuple[Header, int]:
+    """The columns and the offset of the first row, from the beginning of the file.
+
+    InputError where it is none of blobs; with `or_points` it might have been one of 3D points as well.
+    """
+    expected = "expected a blob file with the header frame,camera,x,y and optionally area"
+    if or_points:
+        expected += ", or a take of 3D points: .c3d, .trc, Motive or Vicon .csv, or Qualisys .tsv"
     if not head:
         raise InputError(f"is empty; {expected}", path)
     if b"\0" in head[:HEAD_BYTES]:
@@ -91,7 +93,7 @@ def read_header(head: bytes, path: Path) -> tuple[Header, int]:
             what = (
                 "has semicolons between its fields"
                 if b";" in line
-                else "holds neither blobs nor 3D points, for it has no header"
+                else f"holds {'neither blobs nor 3D points' if or_points else 'no blobs'}, for it has no header"
             )
         raise InputError(f"{what}; {expected}", path, 1)
     doubled = [name for name in (*COLUMNS, "area") if names.count(name) > 1]

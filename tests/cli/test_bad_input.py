@@ -33,9 +33,10 @@ def blob_file(folder, text: str):
         ("frame,camera,x\n1,cam1,2\n", r"bad\.csv:1: has no column y; expected"),
     ],
 )
-def test_a_file_is_only_said_to_hold_blobs_when_it_does(run, tmp_path, text, reason):
-    answer = run("label", blob_file(tmp_path, text), "--model", "gait15", "--out", tmp_path / "out")
-    assert re.search(reason, answer.refusal(2))
+def test_a_file_is_only_said_to_hold_blobs_when_it_does(run, room, tmp_path, text, reason):
+    for more in ((), ("--cameras", room.cameras)):
+        answer = run("label", blob_file(tmp_path, text), "--model", "gait15", "--out", tmp_path / "out", *more)
+        assert re.search(reason, answer.refusal(2))
 
 
 def test_one_camera_and_more_ghosts_than_any_capture_are_refused_and_nobody_there_is_no_error(label, room, tmp_path):
