@@ -85,6 +85,8 @@ def read_header(head: bytes, path: Path, or_points: bool = False) -> tuple[Heade
         raise InputError(f"is a binary file; {expected}", path)
     mark = 3 if head.startswith(b"\xef\xbb\xbf") else 0
     line, newline, _ = head[mark:].partition(b"\n")
+    if b"\r" in line.rstrip(b"\r"):
+        raise InputError("ends its lines with carriage returns alone; expected line feeds", path, 1)
     names = [name.strip().strip('"').lower() for name in line.decode("utf-8", "replace").strip().split(",")]
     missing = [name for name in COLUMNS if name not in names]
     if missing:

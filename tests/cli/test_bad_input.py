@@ -21,7 +21,7 @@ HEADER = "frame,camera,x,y\n"
 
 def blob_file(folder, text: str):
     path = folder / "bad.csv"
-    path.write_text(text)
+    path.write_bytes(text.encode())
     return path
 
 
@@ -30,6 +30,7 @@ def blob_file(folder, text: str):
     [
         ("", r"bad\.csv: is empty; expected a blob file .*, or a take of 3D points"),
         ("<xml/>", r"bad\.csv:1: holds neither blobs nor 3D points, for it has no header; expected .*Motive"),
+        ("frame,camera,x,y\r1,cam1,2,3\r", r"bad\.csv:1: ends its lines with carriage returns alone; expected line"),
         ("frame,camera,x\n1,cam1,2\n", r"bad\.csv:1: has no column y; expected"),
     ],
 )
