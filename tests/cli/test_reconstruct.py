@@ -94,6 +94,7 @@ def test_markers_that_no_model_has_subjects_names_and_a_take_of_another_kind(sim
     write_trc(tmp_path / "anna.trc", Points(names, xyz, np.zeros(xyz.shape[:2]), there.rate, there.first_frame))
     assert simulate("--json", take=tmp_path / "anna.trc").json["markers"] == list(open_markerset(MODEL).markers)
     assert simulate("--overwrite", take=room.cameras).status == 2
+    assert simulate("--overwrite", "--model", "nobody").reason.startswith("there is no marker set nobody; expected ")
     broken = tmp_path / "broken.c3d"
     broken.write_bytes(room.c3d.read_bytes()[:3000])
     assert "broken.c3d" in simulate("--overwrite", take=broken).reason
