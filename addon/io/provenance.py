@@ -129,7 +129,7 @@ def reports_meant(path: Path) -> list[Path]:
     Raises InputError where there is none.
     """
     if path.is_dir():
-        if found := sorted(path.glob(f"*{REPORT}")):
+        if found := sorted(one for one in path.iterdir() if one.name.endswith(REPORT)):
             return found
         raise InputError("holds no report of a take; expected a folder that label or fill wrote to", path)
     name = path.name.removesuffix(REPORT)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`verify`: what is otherwise than it was made is told in one line; `evaluate`: figures counted by hand."""
 
+import errno
 import hashlib
 import json
 import shutil
@@ -110,6 +111,14 @@ def test_of_a_folder_every_take_has_its_line(run, lab):
     assert answer.json["takes"][1]["differences"] == ["walk.c3d is gone", "walk.trc was changed"]
     assert [(one["take"], one["status"]) for one in answer.json["failed"]] == [("bad", 2), ("walk", 1)]
     assert [line.count("; expected ") for line in answer.err.splitlines()] == [1, 1]
+
+
+def test_a_folder_that_cannot_be_looked_into_is_not_called_empty(run, lab, monkeypatch):
+    def refused(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", refused)
+    assert run("verify", lab / "out").refusal(2).startswith(f"{lab / 'out'}: the system says: Permission denied;")
 
 
 def test_what_came_later_is_of_another_version_or_no_result_is_told(run, lab, monkeypatch):
