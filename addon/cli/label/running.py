@@ -40,7 +40,7 @@ def as_line(report: dict) -> str:
     if "edits" in report:
         applied = sum(report["edits"]["applied"].values())
         pace += f", {applied} edit{'' if applied == 1 else 's'} applied"
-    unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
+    unit = f", no known unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     if "filled" in report:
         pace += f", {len(report['filled'])} of {len(report['filled']) + len(report['left'])} gaps filled"
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
