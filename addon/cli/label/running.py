@@ -47,7 +47,7 @@ def as_line(report: dict) -> str:
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
     more = "".join(f"; {words}" for words in _remarks(report))
     if report.get("changed_in_all"):
-        pace += f", {report['changed_in_all']} than before"
+        pace += f", compared with before {report['changed_in_all']}"
     look = f"; {report['to_look_at']}" if report.get("to_look_at") else ""
     return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}{look}"
 
