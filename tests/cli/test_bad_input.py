@@ -282,5 +282,6 @@ def test_files_whose_names_are_any_bytes_with_a_blender_file_that_serves_as_cali
         with LabelFile(out / f"{STEM}.labels.csv") as labels:
             assert any(row.marker for row in labels.rows())
         assert json.loads((out / f"{STEM}.report.json").read_text())["frames"] == 20
+        run("verify", out).done()
     saved = shutil.move(tmp_path / "out" / f"{STEM}.blend", tmp_path / f"{STEM}.blend")
     assert label("--overwrite", blobs=[files[".csv"]], cameras=saved).status == 0
