@@ -11,7 +11,7 @@ from ..core.data.errors import InputError
 from .edits import edits_beside
 from .markersets import builtin_markersets
 from .model_history import path_from, seen_at
-from .source import digest, is_still, read_json
+from .source import digest, is_still, open_binary, read_json
 from .text import can_be_written, cell_of, in_cell
 
 REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
@@ -38,6 +38,7 @@ def _called(report: Path, file: Path) -> str:
 
 def read_report(path: Path, wanted: str = f"the report of an earlier run, {INSTEAD}") -> dict:
     """A report that says what it was made of; InputError where it does not, with what was `wanted`."""
+    open_binary(path).close()  # what cannot be read says why
     try:
         report = read_json(path, "a report")
         if "made_of" in report:  # so earlier versions called it

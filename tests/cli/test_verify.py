@@ -163,6 +163,12 @@ def test_a_broken_report_is_one_sentence(run, lab, change):
     assert len(answer.err.splitlines()) == 1
 
 
+def test_a_report_that_cannot_be_read_says_why(run, lab):
+    (lab / "out" / "walk.report.json").unlink()
+    (lab / "out" / "walk.report.json").mkdir()
+    assert "walk.report.json: is a folder; expected a file" in run("verify", lab / "out" / "walk").refusal(2)
+
+
 def test_a_report_without_a_bottom_is_one_sentence(run, lab):
     text = (lab / "out" / "walk.report.json").read_text(encoding="utf-8")
     for depth in (500, 2000, 50_000):
