@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`simulate TAKE`: what cameras would see of a labelled take with a body in the way."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from .. import capturing
 from ..blendfile import open_cameras
 from ..core.data.errors import of_file
+from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Points
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.simulation.simulate import CaptureOptions
@@ -68,12 +70,13 @@ def run(arguments) -> int:
     read = [arguments.take, *calibration_files(arguments.cameras), *models]
     keep_apart(read, [arguments.out, capturing.truth_path(arguments.out)])
     cameras = open_cameras(arguments.cameras, arguments.cameras_up)
+    known = [open_markerset(name) for name in ([arguments.model] if arguments.model else builtin_markersets())]
     progress = ProgressLine(arguments.progress)
     with of_file(arguments.take):
         points = read_points(arguments.take, frames=arguments.frames, up=arguments.up, rate=arguments.rate)
         take = capturing.labelled_markers(points)
         take = capturing.centred(take, cameras) if arguments.centre else take
-        sets, markers, body = _who_is_captured(take, arguments)
+        sets, markers, body = _who_is_captured(take, known, arguments.model is not None)
         work = capturing.write_capture(
             markers, cameras, _options(arguments), body, arguments.out, arguments.overwrite, read
         )
@@ -103,14 +106,13 @@ def run(arguments) -> int:
     return 0
 
 
-def _who_is_captured(take: Points, arguments):
+def _who_is_captured(take: Points, sets: Sequence[MarkerSet], given: bool):
     """Names of the marker sets, the take with only their markers, and all bodies in the way."""
-    sets = [open_markerset(name) for name in ([arguments.model] if arguments.model else builtin_markersets())]
     own = [(name, capturing.of_subject(take, name)) for name in capturing.subjects_in(take)]
     own = [(name, one) for name, one in own if any(capturing.wears(one, markerset) for markerset in sets)]
     parts, worn = [], []
     for name, one in own if len(own) > 1 else [("", take)]:
-        worn.append(sets[0] if arguments.model else capturing.fitting_markerset(one, sets))
+        worn.append(sets[0] if given else capturing.fitting_markerset(one, sets))
         parts.append((name, *capturing.worn_in(one, worn[-1])))
     markers, body = capturing.together(parts) if len(parts) > 1 else parts[0][1:]
     return [one.name for one in worn], markers, body

@@ -87,6 +87,11 @@ class Arrivals:
         """Whether a file may still be on its way at a time, s."""
         return any(one.is_new and now - one.since < self.settled_s for one in self.files.values())
 
+    @property
+    def empty(self) -> list[Path]:
+        """Files without content: nobody knows whether they are about to get some."""
+        return [path for path, one in self.files.items() if not one.state[0]]
+
     def _is_ready(self, path: Path, now: float) -> bool:
         known = self.files[path]
         # A file without content is about to get some.

@@ -104,12 +104,12 @@ def frames_in(path: Path, cameras: Cameras) -> tuple[int, int] | None:
 
 
 def check_header(path: Path):
-    """Raises InputError where a file does not begin as one of blobs does."""
+    """Raises InputError where a file that is none of 3D points does not begin as one of blobs does."""
     if is_qtm(path):
         held_in(path)
         return
     with open_binary(path) as file:
-        read_header(file.read(BLOCK_BYTES), path)
+        read_header(file.read(BLOCK_BYTES), path, or_points=True)
 
 
 def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:

@@ -63,8 +63,8 @@ def known_models(folder: Path | None) -> list[str]:
     return [*builtin_markersets(), *(map(str, own_models(folder)) if folder else ())]
 
 
-def seen_from(model: Path, file: Path) -> str:
-    """The path of a file as seen from a model's folder, so that the two can be moved together; empty where none is.
+def path_from(model: Path, file: Path) -> str:
+    """The path of a file as seen from a model's folder, so that the two can be moved together.
 
     Between two drives of Windows it is the whole path.
     """
@@ -72,12 +72,17 @@ def seen_from(model: Path, file: Path) -> str:
         path = os.path.relpath(file.resolve(), model.resolve().parent)
     except ValueError:
         path = str(file.resolve())
-    path = path.replace(os.sep, posixpath.sep)
+    return path.replace(os.sep, posixpath.sep)
+
+
+def seen_from(model: Path, file: Path) -> str:
+    """The same where a model can have it; else empty."""
+    path = path_from(model, file)
     return path if can_be_written(path) else ""
 
 
 def seen_at(path: str, model: Path) -> Path | None:
-    """Where the file is that a model's folder sees there, as `seen_from` says; None where nobody knows.
+    """Where the file is that a model's folder sees there, as `path_from` says; None where nobody knows.
 
     Also of another computer's: whoever opens somebody's model must not be led to ask one for a file.
     """

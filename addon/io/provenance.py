@@ -10,8 +10,9 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from .edits import edits_beside
 from .markersets import builtin_markersets
-from .model_history import seen_at, seen_from
-from .source import digest, is_still, read_json
+from .model_history import path_from, seen_at
+from .source import digest, is_still, open_binary, read_json
+from .text import can_be_written, cell_of, in_cell
 
 REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
 INSTEAD = "--overwrite to make it anew, or another folder for --out"
@@ -22,14 +23,22 @@ MADE_OF = ("input", "cameras", "model", "edits")
 def file_rows(files: Iterable[Path], report: Path) -> list[dict]:
     """Files with their digests, called as a report's folder sees them, built-in marker sets by their names.
 
+    A path that no report can have is there as tables have it.
+
     Raises InputError where one cannot be read.
     """
     builtin = {file: name for name, file in builtin_markersets().items()}
-    return [{"file": builtin.get(file) or seen_from(report, file), "sha256": digest(file)} for file in files]
+    return [{"file": builtin.get(file) or _called(report, file), "sha256": digest(file)} for file in files]
+
+
+def _called(report: Path, file: Path) -> str:
+    path = path_from(report, file)
+    return path if can_be_written(path) else cell_of(path)
 
 
 def read_report(path: Path, wanted: str = f"the report of an earlier run, {INSTEAD}") -> dict:
     """A report that says what it was made of; InputError where it does not, with what was `wanted`."""
+    open_binary(path).close()  # what cannot be read says why
     try:
         report = read_json(path, "a report")
         if "made_of" in report:  # so earlier versions called it
@@ -129,7 +138,7 @@ def reports_meant(path: Path) -> list[Path]:
     Raises InputError where there is none.
     """
     if path.is_dir():
-        if found := sorted(path.glob(f"*{REPORT}")):
+        if found := sorted(one for one in path.iterdir() if one.name.endswith(REPORT)):
             return found
         raise InputError("holds no report of a take; expected a folder that label or fill wrote to", path)
     name = path.name.removesuffix(REPORT)
@@ -183,13 +192,16 @@ def _inputs_now(report: Path, made: dict) -> Iterator[str]:
     builtin = builtin_markersets()
     rows = [(kind, row) for kind in MADE_OF for row in made[kind]]
     for kind, row in rows:
-        known = builtin.get(row["file"]) or seen_at(row["file"], report)
-        if known is None:
+        called, own = row["file"], builtin.get(row["file"])
+        seen = [own] if own else [seen_at(one, report) for one in (called, in_cell(called))]
+        known = [one for one in seen if one is not None]
+        if not known:
             yield f"nobody knows the file of its {kind}"
             continue
-        places = [one for one in (known, report.parent / known.name) if os.path.exists(one)]  # noqa: PTH110
-        same = next((one for one in places if digest(one) == row["sha256"]), None)
+        places = [*known, *(report.parent / one.name for one in known)]
+        there = [one for one in dict.fromkeys(places) if os.path.exists(one)]  # noqa: PTH110
+        same = next((one for one in there if digest(one) == row["sha256"]), None)
         if same is None:
-            yield f"the {kind} {row['file']} {'was changed' if known in places else 'is gone'}"
+            yield f"the {kind} {called} {'was changed' if set(known) & set(there) else 'is gone'}"
         elif kind == "input" and is_labelled(made) and not made["edits"] and (edits := edits_beside(same)) is not None:
             yield f"{edits.name} is beside the input now"

@@ -71,18 +71,22 @@ class Rows:
         return Rows(**arrays, keys=[key for part in parts for key in part.keys])
 
 
-def read_header(head: bytes, path: Path) -> tuple[Header, int]:
-    """The columns and the offset of the first row, from the beginning of the file."""
-    expected = (
-        "expected a blob file with the header frame,camera,x,y and optionally area, or a take of 3D points: .c3d, "
-        ".trc, Motive or Vicon .csv, or Qualisys .tsv"
-    )
+def read_header(head: bytes, path: Path, or_points: bool = False) -> tuple[Header, int]:
+    """The columns and the offset of the first row, from the beginning of the file.
+
+    InputError where it is none of blobs; with `or_points` it might have been one of 3D points as well.
+    """
+    expected = "expected a blob file with the header frame,camera,x,y and optionally area"
+    if or_points:
+        expected += ", or a take of 3D points: .c3d, .trc, Motive or Vicon .csv, or Qualisys .tsv"
     if not head:
         raise InputError(f"is empty; {expected}", path)
     if b"\0" in head[:HEAD_BYTES]:
         raise InputError(f"is a binary file; {expected}", path)
     mark = 3 if head.startswith(b"\xef\xbb\xbf") else 0
     line, newline, _ = head[mark:].partition(b"\n")
+    if b"\r" in line.rstrip(b"\r"):
+        raise InputError("ends its lines with carriage returns alone; expected line feeds", path, 1)
     names = [name.strip().strip('"').lower() for name in line.decode("utf-8", "replace").strip().split(",")]
     missing = [name for name in COLUMNS if name not in names]
     if missing:
@@ -91,7 +95,7 @@ def read_header(head: bytes, path: Path) -> tuple[Header, int]:
             what = (
                 "has semicolons between its fields"
                 if b";" in line
-                else "holds neither blobs nor 3D points, for it has no header"
+                else f"holds {'neither blobs nor 3D points' if or_points else 'no blobs'}, for it has no header"
             )
         raise InputError(f"{what}; {expected}", path, 1)
     doubled = [name for name in (*COLUMNS, "area") if names.count(name) > 1]

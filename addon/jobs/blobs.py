@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from itertools import tee
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,7 @@ from ..core.pipelines.known_sets import TRIED_S
 from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.pipelines.through_points import PointsOfBlobs
 from ..core.points.models import chosen_method
-from ..core.points.possible import MEND_BLOBS
+from ..core.points.possible import MEND_BLOBS, refuse_impossible
 from ..core.points.several.together import FinerBodies
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.posing.finer import finer
@@ -135,11 +136,14 @@ class BlobTake(OpenTake):
         return find_suspects(chunk.motion, self.worn.markers, self.rate), chunk.suspects
 
     def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
-        """What is wrong with the cameras; JobError where two subjects are there."""
+        """What is wrong with cameras and rate; JobError where two subjects are there."""
         if self.others is not None:
             self.others.refuse()
         self.noticed = without_accepted(self.check.suspects(), self.edits)
         notes = self.job.doubted(self.check.refuse) if self.noticed else []
+        if self.several is None:  # else they were looked at before
+            found = self.points().xyz
+            notes += self.job.doubted(partial(refuse_impossible, found, self.rate, None, [self.model]))
         return notes, self.noticed
 
     def facts(self, results: Results) -> dict:

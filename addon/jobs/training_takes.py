@@ -77,7 +77,7 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
         xyz, doubted = looked_at(own, path, whole, xyz, points.first_frame)
         doubts += [f"{path.name}: {words}" for words in doubted]
     if points.assumed:
-        doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
+        doubts.append(f"{path.name} names no unit that is known, so it was taken to be in {points.assumed}")
     doubts += [f"{path.name}: {note}" for note in points.notes]
     return TakeFile(written(path.name), written(subject), names, xyz, tuple(doubts), path)
 

@@ -197,7 +197,7 @@ class LabelsTake(LongWork):
         words += fills_kept(context) + changed_since_live(take)
         yours, changed = persons_in(settings.take), summary_of_changes(kept_changes(settings.take))
         words += f"; kept in {settings.take.name}: {yours}" if yours else ""
-        self.report({"INFO"}, words + (f"; {changed} than before" if changed else ""))
+        self.report({"INFO"}, words + (f"; compared with before {changed}" if changed else ""))
 
 
 class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):

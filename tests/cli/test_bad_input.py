@@ -21,7 +21,7 @@ HEADER = "frame,camera,x,y\n"
 
 def blob_file(folder, text: str):
     path = folder / "bad.csv"
-    path.write_text(text)
+    path.write_bytes(text.encode())
     return path
 
 
@@ -30,12 +30,14 @@ def blob_file(folder, text: str):
     [
         ("", r"bad\.csv: is empty; expected a blob file .*, or a take of 3D points"),
         ("<xml/>", r"bad\.csv:1: holds neither blobs nor 3D points, for it has no header; expected .*Motive"),
+        ("frame,camera,x,y\r1,cam1,2,3\r", r"bad\.csv:1: ends its lines with carriage returns alone; expected line"),
         ("frame,camera,x\n1,cam1,2\n", r"bad\.csv:1: has no column y; expected"),
     ],
 )
-def test_a_file_is_only_said_to_hold_blobs_when_it_does(run, tmp_path, text, reason):
-    answer = run("label", blob_file(tmp_path, text), "--model", "gait15", "--out", tmp_path / "out")
-    assert re.search(reason, answer.refusal(2))
+def test_a_file_is_only_said_to_hold_blobs_when_it_does(run, room, tmp_path, text, reason):
+    for more in ((), ("--cameras", room.cameras)):
+        answer = run("label", blob_file(tmp_path, text), "--model", "gait15", "--out", tmp_path / "out", *more)
+        assert re.search(reason, answer.refusal(2))
 
 
 def test_one_camera_and_more_ghosts_than_any_capture_are_refused_and_nobody_there_is_no_error(label, room, tmp_path):
@@ -280,5 +282,6 @@ def test_files_whose_names_are_any_bytes_with_a_blender_file_that_serves_as_cali
         with LabelFile(out / f"{STEM}.labels.csv") as labels:
             assert any(row.marker for row in labels.rows())
         assert json.loads((out / f"{STEM}.report.json").read_text())["frames"] == 20
+        run("verify", out).done()
     saved = shutil.move(tmp_path / "out" / f"{STEM}.blend", tmp_path / f"{STEM}.blend")
     assert label("--overwrite", blobs=[files[".csv"]], cameras=saved).status == 0

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`label --engine dask`: a scheduler and workers started here, one of them killed, and a batch that is stopped."""
 
+import gc
 import json
 import os
 import signal
@@ -184,9 +185,13 @@ def test_what_a_farm_lacks_is_one_sentence(label, takes, monkeypatch):
     def no_cluster(**words):
         raise RuntimeError("can't start new thread")
 
+    ended: list[str] = []
+    monkeypatch.setattr(distributed.Client, "__del__", lambda client: ended.append(client.status))
     monkeypatch.setattr(farm, "CONNECT_S", 0.2)
     for address in ("tcp://127.0.0.1:1", "odd://there"):
         assert f"no scheduler answers at {address}" in refused(1, "--engine", "dask", "--scheduler", address)
+    gc.collect()
+    assert ended == ["closed", "closed"]  # else its end, at that of the process, waits for 20 s and leaves a traceback
     monkeypatch.setattr(distributed, "LocalCluster", no_cluster)
     reason = refused(1, "--engine", "dask", "--jobs", "2")
     assert reason == "dask's own cluster does not start (can't start new thread); expected fewer --jobs"

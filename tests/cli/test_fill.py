@@ -78,6 +78,7 @@ def test_bad_inputs(run, holed, tmp_path):
         return run("fill", path, "--out", out, *words).reason
 
     assert "there is no such file" in refused(tmp_path / "none.c3d")
+    assert refused(source, "--model", "nobody").startswith("there is no marker set nobody; expected ")
     (tmp_path / "bad.c3d").write_bytes(b"nothing")
     assert "expected a C3D file" in refused(tmp_path / "bad.c3d")
     write_c3d(tmp_path / "anon.c3d", replace(take, names=("",) * len(take.names)))

@@ -14,6 +14,7 @@ from addon.io.markersets import open_markerset
 from addon.io.points import of_frames, read_points, write_c3d
 from addon.jobs.train import known_bodies
 from addon.jobs.training_takes import read_takes, refuse_mirrored
+from scripts.virtual_take import write_virtual_take
 from tests.inputs.walkers import write_truth
 
 from .conftest import report_of, rows_of
@@ -133,3 +134,13 @@ def test_nothing_is_named_in_another_room(label, room, tmp_path, change, words):
     assert not list((tmp_path / "out").glob("odd.*"))
     label("--force", blobs=[tmp_path / "odd.csv"]).done()
     assert words in report_of(tmp_path / "out" / "odd.c3d")["camera_doubts"][0]
+
+
+def test_blobs_at_a_rate_that_cannot_be_are_not_named(label, tmp_path):
+    write_virtual_take(tmp_path, 200, 100, "fast.csv", "room.toml")
+    words = {"blobs": [tmp_path / "fast.csv"], "cameras": tmp_path / "room.toml"}
+    assert "has a rate that cannot be: at 600 Hz" in label("--rate", "600", **words).refusal(1)
+    assert not (tmp_path / "out").exists()
+    label("--rate", "600", "--force", **words).done()
+    assert report_of(tmp_path / "out" / "fast.c3d")["notes"][0].startswith("has a rate that cannot be")
+    label("--rate", "60", "--overwrite", **words).done()

@@ -71,6 +71,15 @@ def test_label_says_which_axis_and_rate_it_took_and_takes_those_given(
     assert (report["rate"], report["notes"], NO_RATE in answer.out) == (60, [NO_RATE], True)
 
 
+def test_label_says_which_unit_it_took_where_the_file_names_none_that_is_known(label_points, room, tmp_path):
+    write_trc(tmp_path / "odd.trc", read_points(room.c3d, frames=(100, 110)))
+    head, millimetres, rows = (tmp_path / "odd.trc").read_text().partition("\tmm\t")
+    (tmp_path / "odd.trc").write_text(f"{head}\tfurlong\t{rows}")
+    answer, report = label_points(tmp_path / "odd.trc")
+    assert ", no known unit in the file, taken for mm" in answer.out
+    assert millimetres and report["unit_assumed"] == "mm"
+
+
 def test_simulate_takes_axis_and_rate(run, room, upside_down, without_rate, tmp_path):
     def blobs(take, *words):
         out = tmp_path / "blobs.csv"

@@ -52,6 +52,10 @@ def test_trc_and_words_for_people_and_what_cannot_be_done(reconstruct, tmp_path,
     lone.write_text("".join(line for line in room.blobs.open() if line.split(",")[1] in ("camera", "cam1")))
     answer = run("reconstruct", lone, "--cameras", room.cameras, "--out", tmp_path / "lone.c3d")
     assert "no two cameras" in answer.refusal(1)
+    for points in (room.c3d, tmp_path / "points.trc"):  # which are no other input of this verb
+        reason = run("reconstruct", points, "--cameras", room.cameras, "--out", tmp_path / "lone.c3d").refusal(2)
+        assert reason.endswith("; expected a blob file with the header frame,camera,x,y and optionally area")
+        assert "3D points" not in reason
     assert not (tmp_path / "lone.c3d").exists()
 
 
@@ -90,6 +94,7 @@ def test_markers_that_no_model_has_subjects_names_and_a_take_of_another_kind(sim
     write_trc(tmp_path / "anna.trc", Points(names, xyz, np.zeros(xyz.shape[:2]), there.rate, there.first_frame))
     assert simulate("--json", take=tmp_path / "anna.trc").json["markers"] == list(open_markerset(MODEL).markers)
     assert simulate("--overwrite", take=room.cameras).status == 2
+    assert simulate("--overwrite", "--model", "nobody").reason.startswith("there is no marker set nobody; expected ")
     broken = tmp_path / "broken.c3d"
     broken.write_bytes(room.c3d.read_bytes()[:3000])
     assert "broken.c3d" in simulate("--overwrite", take=broken).reason

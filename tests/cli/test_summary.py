@@ -95,7 +95,10 @@ def test_takes_are_labelled_as_they_arrive_until_somebody_stops_it(label, room, 
 def test_a_watch_goes_on_where_it_was_and_ends_when_nothing_comes_and_replaces_nothing(label, room, folder):
     shutil.copy(room.blobs, folder / "one.csv")
     words = (*WATCH, "--idle", "0", "--out", folder, "--summary", "--json")
-    first = label(*words, blobs=[folder]).json
+    (folder / "none.c3d").touch()
+    answer = label(*words, blobs=[folder]).done()
+    assert f"{folder / 'none.c3d'}: is empty, and was left out; expected a file with content" in answer.err
+    first = answer.json
     assert [report["take"] for report in first["takes"]] == ["one"]
     assert first["table"] == str(folder / "summary.csv")
     before = {path: path.stat().st_mtime_ns for path in folder.iterdir() if path.name.startswith("one.")}

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`verify`: what is otherwise than it was made is told in one line; `evaluate`: figures counted by hand."""
 
+import errno
 import hashlib
 import json
 import shutil
@@ -112,6 +113,14 @@ def test_of_a_folder_every_take_has_its_line(run, lab):
     assert [line.count("; expected ") for line in answer.err.splitlines()] == [1, 1]
 
 
+def test_a_folder_that_cannot_be_looked_into_is_not_called_empty(run, lab, monkeypatch):
+    def refused(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "iterdir", refused)
+    assert run("verify", lab / "out").refusal(2).startswith(f"{lab / 'out'}: the system says: Permission denied;")
+
+
 def test_what_came_later_is_of_another_version_or_no_result_is_told(run, lab, monkeypatch):
     (lab / "takes" / "other.edits.json").write_text(json.dumps(RIGHT))
     assert "other.edits.json is beside the input now;" in run("verify", lab / "out" / "other").refusal(1)
@@ -152,6 +161,12 @@ def test_a_broken_report_is_one_sentence(run, lab, change):
     assert "walk.report.json: " in answer.refusal(2) or "is a folder; expected a file" in answer.reason
     assert "fault of" not in answer.err
     assert len(answer.err.splitlines()) == 1
+
+
+def test_a_report_that_cannot_be_read_says_why(run, lab):
+    (lab / "out" / "walk.report.json").unlink()
+    (lab / "out" / "walk.report.json").mkdir()
+    assert "walk.report.json: is a folder; expected a file" in run("verify", lab / "out" / "walk").refusal(2)
 
 
 def test_a_report_without_a_bottom_is_one_sentence(run, lab):

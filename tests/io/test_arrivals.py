@@ -39,6 +39,7 @@ def test_a_take_is_there_when_it_stays_as_it_is(watched, tmp_path):
     one = put(tmp_path / "one.csv", "")
     assert watched.look(0) == []
     assert watched.look(9) == []  # still empty
+    assert watched.empty == [one]
     put(one, "frame")
     assert watched.look(10) == []
     assert watched.is_arriving(10)

@@ -101,10 +101,12 @@ def _connected(address: str) -> Iterator[Any]:
     """A client of the scheduler; JobError where none answers."""
     from distributed import Client
 
+    client = Client.__new__(Client)
     try:
         with warnings.catch_warnings(action="ignore"):
-            client = Client(address, timeout=CONNECT_S, set_as_default=False)
+            client.__init__(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError, ImportError) as error:
+        client.close()  # or its end, at that of the process, waits for 20 s and leaves a traceback
         reason = " ".join(str(error).split())[:200]
         what = f"no scheduler answers at {address} ({reason})"
         raise JobError(f"{what}; expected the address that `dask scheduler` prints") from None

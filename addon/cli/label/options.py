@@ -173,10 +173,10 @@ def as_job(arguments, path: Path) -> LabelJob:
 def _of_points(arguments, path: Path) -> bool:
     """Whether a take is one of points and not of blobs; InputError where it is neither."""
     points = holds_points(path, arguments.use)
-    if not points and arguments.cameras is None:
+    if not points:
         from ...io.blobs import check_header
 
-        check_header(path)  # what holds no blobs needs no cameras
+        check_header(path)
     return points
 
 

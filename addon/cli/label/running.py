@@ -40,14 +40,14 @@ def as_line(report: dict) -> str:
     if "edits" in report:
         applied = sum(report["edits"]["applied"].values())
         pace += f", {applied} edit{'' if applied == 1 else 's'} applied"
-    unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
+    unit = f", no known unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     if "filled" in report:
         pace += f", {len(report['filled'])} of {len(report['filled']) + len(report['left'])} gaps filled"
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
     frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
     more = "".join(f"; {words}" for words in _remarks(report))
     if report.get("changed_in_all"):
-        pace += f", {report['changed_in_all']} than before"
+        pace += f", compared with before {report['changed_in_all']}"
     look = f"; {report['to_look_at']}" if report.get("to_look_at") else ""
     return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}{look}"
 

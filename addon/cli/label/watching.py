@@ -124,6 +124,8 @@ def watch(batch: Batch) -> int:
         take_away_own()
     for path in watched.at_work:
         batch.summary.wait_for(path)
+    for path in watched.arrivals.empty:
+        complain(f"{path}: is empty, and was left out; expected a file with content")
     status = batch.end(batch.summary.lines() if batch.summary.rows else [], summed=True)
     if watched.unfinished:
         complain("stopped before the end; nothing half-written was left")

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from ..body.bodies import BodyModel
 from ..body.prior import Prior
 from ..body.sides import MIRROR, mirror_order
-from ..data.errors import ForceableError, JobError
+from ..data.errors import ForceableError
 from ..data.lanes import Lanes
 from ..data.made import Table
 from ..data.markersets import MarkerSet, Worn
@@ -107,7 +107,7 @@ def slow_words(points: np.ndarray, rate: float) -> str:
 
 def mistaken_unit(
     model: Model, points: np.ndarray, sure: Callable[[np.ndarray], bool] | None = None
-) -> JobError | None:
+) -> ForceableError | None:
     """What is said where points (F, P, 3) m are those of the model in another unit than they are taken for.
 
     By their size; `sure` says of points in the right unit whether they are the model's, where that can be asked.
@@ -115,19 +115,20 @@ def mistaken_unit(
     if model.likelihood is None:
         return None
     own, seen = _sizes(model.likelihood.shape.mean[None]), _sizes(points)
-    off = {pair: np.abs(np.log(seen * UNIT_M[pair[0]] / UNIT_M[pair[1]] / own)) for pair in permutations(UNIT_M, 2)}
+    with np.errstate(divide="ignore"):  # of points that are all in one place
+        off = {pair: np.abs(np.log(seen * UNIT_M[pair[0]] / UNIT_M[pair[1]] / own)) for pair in permutations(UNIT_M, 2)}
     near = [pair for pair in off if (off[pair] < np.log(POSSIBLE.max_size)).all()]
     for unit, taken_for in sorted(near, key=lambda pair: off[pair][0]):
         times = UNIT_M[taken_for] / UNIT_M[unit]
         apart = f"times as far apart as those of {model.markerset.name}"
         if sure is not None and sure(points / times):
             words = f"seems to be in {unit} and is taken for {taken_for}: its points are {times:.4g} {apart}"
-            return JobError(f"{words}; expected a file that says their unit")
+            return ForceableError(f"{words}; expected a file that says their unit")
         # What fits in two units by its size is in neither for sure.
         if sure is None and max(times, 1 / times) > POSSIBLE.max_size**2:
             roughly = float(f"{np.sqrt((seen / own).prod()):.1g}")
             words = f"has a unit that cannot be: its points are about {roughly:g} {apart}"
-            return JobError(f"{words}; expected a file that says their unit")
+            return ForceableError(f"{words}; expected a file that says their unit")
     return None
 
 

@@ -59,7 +59,7 @@ def changes(
 def summary_of_changes(found: Sequence[Change]) -> str:
     """How much changed, in half a sentence; empty where nothing did."""
     counts = {what: sum(one.frames for one in found if one.what == what) for what in (GAINED, LOST, OTHER)}
-    words = {GAINED: "labels more", LOST: "fewer", OTHER: "changed"}
+    words = {GAINED: f"label{'' if counts[GAINED] == 1 else 's'} more", LOST: "fewer", OTHER: "changed"}
     return ", ".join(f"{counts[what]} {words[what]}" for what in counts if counts[what])
 
 

@@ -103,7 +103,9 @@ def bent(points: np.ndarray) -> list[np.ndarray]:
 
 
 def moves(points: np.ndarray) -> bool:
-    """Whether a subject's labelled frames (T, M, 3) m show it in more than one place, or turned."""
+    """Whether a subject's labelled frames (T, M, 3) m, if enough, show it in more than one place, or turned."""
+    if len(points) < LEARN.min_frames:
+        return False
     shown = points[:, np.isfinite(points[..., 0]).any(axis=0)]
     return bool((np.nanstd(shown, axis=0) > PAIRING.min_sway * size_of(points)).any())
 

@@ -120,7 +120,7 @@ def _notes(report: Mapping) -> Html | None:
     if report.get("rate_assumed"):
         notes.append(f"nobody gave the rate: {report['rate']:g} frames a second were assumed")
     if report.get("unit_assumed"):
-        notes.append(f"the file names no unit: {report['unit_assumed']} was assumed")
+        notes.append(f"the file names no unit that is known: {report['unit_assumed']} was assumed")
     if "c3d_first_frame" in report:
         notes.append(f"frames of the C3D file are numbered from {report['c3d_first_frame']}")
     notes += [f"{name} is {short} in the C3D file" for name, short in report.get("c3d_names", {}).items()]

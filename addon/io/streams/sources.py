@@ -3,7 +3,7 @@
 
 import ipaddress
 import socket
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from ...core.data.errors import InputError
 from .natnet import NatNetStream
@@ -37,9 +37,14 @@ def address_of(source: str, anywhere: bool = False) -> tuple[type[LiveStream], t
         port, kind = parts.port, STREAMS.get(parts.scheme)
     except ValueError:
         kind = None
-    if kind is None or not parts.hostname or parts.path.strip("/") or parts.query or parts.fragment or parts.username:
+    if kind is None or port == 0 or not parts.hostname or _says_more(parts):
         raise InputError(f"is no address of a stream; {EXPECTED}", source)
     return kind, (_host(parts.hostname, source, anywhere), port or kind.PORT)
+
+
+def _says_more(parts: SplitResult) -> bool:
+    """Whether something stands behind the host and its port, or before them."""
+    return bool(parts.path.strip("/") or parts.query or parts.fragment or parts.username)
 
 
 def _host(name: str, source: str, anywhere: bool) -> str:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from addon.core.data.errors import JobError
+from addon.core.data.errors import ForceableError, JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
@@ -182,8 +182,14 @@ def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model
 def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
     angle = np.deg2rad(turn)
     turned = walk @ np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    with pytest.raises(JobError, match=r"seems to be in .* and is taken for|has a unit that cannot be"):
+    with pytest.raises(ForceableError, match=r"seems to be in .* and is taken for|has a unit that cannot be"):
         labelled(turned / times if too_small else turned * times, RATE, model)
+
+
+@pytest.mark.filterwarnings("error")
+def test_points_that_are_all_in_one_place_are_refused_without_a_warning(model, walk):
+    with pytest.raises(ForceableError, match="does not look like a take of model"):
+        labelled(np.ones_like(walk), RATE, model)
 
 
 def test_the_unit_is_said_where_frames_are_sure_of_it_and_who_is_slow_can_be_at_any_rate(model, walk):

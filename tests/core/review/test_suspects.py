@@ -234,6 +234,7 @@ def test_nothing_changed_gained_lost_and_exchanged_over_a_short_break():
     found, said = changed([(0, 5, -1, 1)], [(8, 10, 0, -1)])
     assert said == [("A", GAINED, 10, 14, 5), ("B", LOST, 18, 19, 2)]
     assert summary_of_changes(found) == "5 labels more, 2 fewer"
+    assert summary_of_changes(changed([(0, 1, -1, 1)], [(4, 7, 1, 0)])[0]) == "1 label more, 6 changed"
     assert found[0].words == "A is named now in frames 10–14"
     _, said = changed([], [(4, 7, 1, 0), (8, 12, 1, 0)])
     assert said == [("A", OTHER, 14, 21, 7), ("B", OTHER, 14, 21, 7)]

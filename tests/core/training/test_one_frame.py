@@ -136,13 +136,14 @@ def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
     assert not any("made up" in doubt for doubt in found.doubts)
 
 
-def test_one_frame_of_what_is_no_person_names_it_bent(known, monkeypatch):
+@pytest.mark.parametrize("frames", [1, 9])
+def test_a_few_frames_of_what_is_no_person_name_it_bent(known, monkeypatch, frames):
     """A chain of ten markers that winds: no body fits, and neighbours keep their distances."""
     monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=60))
     names, lengths = tuple(map(named, range(10))), 0.05 + 0.02 * (np.arange(10) % 4)
     angle = np.cumsum(0.25 * np.sin(np.linspace(0, 4, 60)[:, None] + np.arange(10)), axis=1)
     chain = np.cumsum(np.stack([lengths * np.cos(angle), lengths * np.sin(angle), 0.3 * angle * lengths], -1), axis=1)
-    take = LabelledTake("one.c3d", "snake", names, chain[:1])
+    take = LabelledTake("one.c3d", "snake", names, chain[:frames])
     trained = finished(train([take], names, TrainingOptions("snake"), None, known))
     assert trained.model.markerset.source["poses"].endswith("by bending it between neighbours")
     right, sure = named_by(trained.model, chain, 0.99)

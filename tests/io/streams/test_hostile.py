@@ -174,7 +174,7 @@ def test_what_is_no_vicon_program_or_sends_no_points_is_told():
 @pytest.mark.parametrize(
     "source",
     ["", "qtm", "qtm://", "qtm:127.0.0.1", "http://127.0.0.1", "qtm://127.0.0.1/a", "qtm://a@127.0.0.1", "qtm://[::1",
-     "qtm://127.0.0.1:70000", "take.c3d", "vicon://127.0.0.1?x=1", "natnet://127.0.0.1#x"],
+     "qtm://127.0.0.1:70000", "qtm://127.0.0.1:0", "take.c3d", "vicon://127.0.0.1?x=1", "natnet://127.0.0.1#x"],
 )  # fmt: skip
 def test_what_is_no_address_is_refused(source):
     refused("is no address of a stream; expected qtm://HOST, natnet://HOST or vicon://", open_stream, source)
