@@ -108,7 +108,7 @@ REFUSED = {
         " --out a.c3d --markers LKNE,NOSE": "take.c3d: has no marker NOSE; expected",
         " --out a.c3d --method body": "the method body needs a body to fit; expected --model",
         " --out a.c3d --max-gap 0": "'0' is no number of frames; expected a whole number from 1",
-        " --out a.c3d --model nobody": "nobody: there is no such file",
+        " --out a.c3d --model nobody": "there is no marker set nobody",
     },
     "simulate take.c3d --cameras room.toml --out a.csv": {
         " --frames 900:": "expected frames with markers, of its own 100 to 119",

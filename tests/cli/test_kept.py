@@ -50,7 +50,7 @@ def files(tmp_path, room, monkeypatch):
     for folder in ("cal", "sub"):
         (tmp_path / folder).mkdir()
     for name in FILES.split():
-        (tmp_path / name).write_text(name)
+        (tmp_path / name).write_text("frame,camera,x,y\n" if name == "b.csv" else name)
     for real, name in (
         (room.c3d, "take.c3d"),
         (room.cameras, "room.toml"),
