@@ -26,9 +26,9 @@ class HealthOptions:
     # share of a camera's blobs, beyond chance, that meet those of the camera it goes best with: 0.11 at most for the
     # median camera in 15 wrong rooms, 0.43 at least for any in 9 sound ones
     min_meeting: float = 0.2  # measured
-    # the same of blobs of one name, of the usual camera: 0.97 to 1 in 10 sound rooms, 0.71 where all cameras are 3 px
-    # off, 0.08 to 0.6 where blobs were moved by 25 to 40 px
-    min_same_name: float = 0.66  # measured
+    # share of named markers that meet, where they usually are, those of the camera it goes best with, of the usual
+    # camera: 0.94 to 1 in 4 rooms with noise of 0.3 to 3 px, 0.99 where all cameras are 3 px off, 0.79 at most by 12 px
+    min_same_name: float = 0.8  # measured
     # of the usual share of named markers, with which a camera is looked for beside where it was: one that was turned
     # by 2° has less, one by 0.3° keeps all
     max_lacking: float = 0.8  # measured
@@ -92,7 +92,7 @@ class CameraAgreement:
         That is twice (A, B), in the second image and in the first; 1 is as far as counts.
         """
         for a, b in zip(self._seen(one, first), self._seen(other, second), strict=True):
-            yield a, b, *_passing(self.cameras, one, other, a[:, None], b)
+            yield a, b, *map(np.abs, _passing(self.cameras, one, other, a[:, None], b))
 
     def _seen(self, calibration: int, name: int) -> list[np.ndarray]:
         """The rays of the blobs that go by `name` through a calibration, frame by frame; those that light takes."""
@@ -136,18 +136,23 @@ class CameraAgreement:
 
 
 def same_names_meet(cameras: Cameras, image: np.ndarray) -> np.ndarray:
-    """(C,) share of a camera's named blobs that meet those of the same name in the camera it goes best with.
+    """(C,) share of a camera's named markers that meet those of the same name in the camera it goes best with.
 
-    `image` (C, N, 2) is where each camera has each of N markers, normalised; NaN where it has none. NaN where too few
+    `image` (C, F, M, 2) is where each camera has each of M markers in each of F frames, normalised; NaN where it has
+    none. A marker meets where it usually does: blobs that are off by chance are so on either side. NaN where too few
     have a blob in two cameras to say.
     """
     best, rays = np.full(len(cameras), np.nan), _ahead(image)
-    seen = np.isfinite(image).all(axis=2)
+    seen = np.isfinite(image).all(axis=3)
     for one, other in combinations(range(len(cameras)), 2):
         both = seen[one] & seen[other]
         if 2 * both.sum() >= CAMERA_HEALTH.enough:
-            there, back = _passing(cameras, one, other, rays[one, both], rays[other, both])
-            best[[one, other]] = np.fmax(best[[one, other]], ((there < 1) & (back < 1)).mean())
+            some = both.any(axis=0)
+            passing = _passing(cameras, one, other, rays[one][:, some], rays[other][:, some])
+            off = (np.where(both[:, some] & np.isnan(part), np.inf, part) for part in passing)
+            there, back = (np.abs(np.nanmedian(part, axis=0)) for part in off)
+            share = np.average((there < 1) & (back < 1), weights=both.sum(axis=0)[some])
+            best[[one, other]] = np.fmax(best[[one, other]], share)
     return best
 
 
@@ -181,12 +186,15 @@ def cycles_of(order: np.ndarray) -> list[tuple[int, ...]]:
 
 
 def _passing(cameras: Cameras, one: int, other: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far rays (..., 3) of two cameras are beside each other's lines, in the second image and in the first."""
+    """How far rays (..., 3) of two cameras are beside each other's lines, in the second image and in the first.
+
+    1 is as far as counts; on the other side of a line it is negative.
+    """
     turn = cameras.rotation[other] @ cameras.rotation[one].T
     x, y, z = cameras.translation[other] - turn @ cameras.translation[one]
     essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
     there, back, near = a @ essential.T, b @ essential, near_image(cameras)
-    off = np.abs((there * b).sum(axis=-1))
+    off = (there * b).sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):  # two cameras in one place have no lines
         return (
             off / (np.hypot(there[..., 0], there[..., 1]) * near[other]),

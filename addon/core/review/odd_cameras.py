@@ -196,7 +196,7 @@ class CameraCheck:
         frame, camera, _, image, marker = self._named
         table = np.full((len(self.cameras), len(self.frames), len(self.frames[0][3]), 2), np.nan)
         table[camera, frame, marker] = image
-        shares = same_names_meet(self.cameras, table.reshape(len(table), -1, 2))
+        shares = same_names_meet(self.cameras, table)
         shares = shares[np.isfinite(shares)]
         if 2 * len(shares) < len(table) or np.median(shares) >= CAMERA_HEALTH.min_same_name:
             return ""

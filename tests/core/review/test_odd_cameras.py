@@ -232,6 +232,14 @@ def test_a_calibration_of_some_age_is_this_takes_room(seen):
     assert not [words for words in said(RIG, old, marker, markers) if words.startswith("the room")]
 
 
+def test_blobs_that_are_off_by_chance_make_no_other_room():
+    """Noise of 2 px, with which fewer than half of the blobs meet others, and 99.9 % of names are right."""
+    blobs, marker, markers = captured(RIG)
+    noise = np.random.default_rng(1).normal(0, 2, blobs.xy.shape)
+    told = said(RIG, replace(blobs, xy=blobs.xy + noise), marker, markers)
+    assert not [words for words in told if words.startswith("the room")]
+
+
 def test_cameras_that_saw_nothing_make_no_other_room_and_are_told():
     blobs, marker, markers = captured(RIG)
     rows = blobs.camera < 3
