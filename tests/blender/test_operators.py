@@ -446,12 +446,19 @@ def opens(labelling, window, monkeypatch):
     return opens
 
 
-def test_work_goes_on_as_another_file_is_opened_and_is_shown_in_its_own(labelling, in_fives, window, opens, tmp_path):
-    path, context, long_work = tmp_path / "walk.blend", window.context, labelling.long_work
+@pytest.fixture
+def done_for(labelling, in_fives, window, opens, tmp_path):
+    """A file that work was done for while another was open, and who did it."""
+    path, context = tmp_path / "walk.blend", window.context
     assert window.operator._begin(context) == {"RUNNING_MODAL"}
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     elsewhere, _ = opens(NEW, going_on=window.operator)
     assert elsewhere.run(context) == {"CANCELLED"}
+    return path, elsewhere
+
+
+def test_work_goes_on_as_another_file_is_opened_and_is_shown_in_its_own(labelling, window, opens, done_for):
+    (path, elsewhere), context, long_work = done_for, window.context, labelling.long_work
     assert elsewhere.reports == [("INFO", "Labelling is done, to be shown once walk.blend is open")]
     assert list(long_work.done_elsewhere()) == [("Labelling", str(path))]
     assert bpy.context.scene.mocap_autolabel.take is None
@@ -462,12 +469,8 @@ def test_work_goes_on_as_another_file_is_opened_and_is_shown_in_its_own(labellin
     assert not told and not long_work._left
 
 
-def test_what_is_done_for_a_file_that_was_moved_can_be_given_up(labelling, in_fives, window, opens, tmp_path):
-    path, context, long_work = tmp_path / "walk.blend", window.context, labelling.long_work
-    assert window.operator._begin(context) == {"RUNNING_MODAL"}
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    elsewhere, _ = opens(NEW, going_on=window.operator)
-    assert elsewhere.run(context) == {"CANCELLED"}
+def test_what_is_done_for_a_file_that_was_moved_can_be_given_up(labelling, done_for):
+    (path, _), long_work = done_for, labelling.long_work
     going_on = Modal, {"_found": None, "_file": str(path)}
     long_work._left.append(going_on)
     press("give_up_done", file="/nowhere.blend")
