@@ -119,4 +119,4 @@ def leave_take(context: bpy.types.Context, take: bpy.types.Collection):
         if is_ours(rig):
             discard(context, rig)
         else:
-            bake(rig)
+            _give(rig.animation_data.action)
