@@ -4,8 +4,6 @@
 The fit adds these terms to its squared residuals, so that whatever the data does not carry stays plausible.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..geometry import rotations
@@ -13,8 +11,7 @@ from ..kernels import calls
 from .bodies import PLACEMENT, Bodies, BodyModel
 
 
-@dataclass(frozen=True)
-class PriorOptions:
+class PRIOR:
     """What people may do beyond the recordings that a marker set was learned from.
 
     bend_floor_rad  physical: added to the standard deviation of every bend, people do what nobody did when recorded
@@ -25,9 +22,6 @@ class PriorOptions:
     bend_floor_rad: float = 0.12
     height_floor_m: float = 0.001
     stretch_sd: float = 0.03
-
-
-PRIOR = PriorOptions()
 
 
 class Prior:

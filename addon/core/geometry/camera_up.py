@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which way is up for a rig of cameras: they stand upright around what they look at, and look level or down on it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,8 +10,7 @@ from .cameras import Cameras
 AXIS_NAMES = ("x", "y", "z", "-x", "-y", "-z")
 
 
-@dataclass(frozen=True)
-class UprightOptions:
+class UPRIGHT_CAMERAS:
     """When cameras tell which way is up.
 
     min_upright  physical: mean of how far the upper edges of the pictures point along an axis, 1 being all the way;
@@ -24,9 +23,6 @@ class UprightOptions:
     min_upright: float = 0.6
     max_alike: float = 0.5
     max_rise: float = 0.1
-
-
-UPRIGHT_CAMERAS = UprightOptions()
 
 
 def guess_up(cameras: Cameras) -> str:

@@ -10,8 +10,7 @@ from .cameras import Cameras
 from .views import VIEWING, Sight, View
 
 
-@dataclass(frozen=True)
-class MeetingOptions:
+class MEETING:
     """How rays meet.
 
     kept_share     measured: of the points, best first, that the noise of the blobs is taken from: a wrong name or a
@@ -24,7 +23,6 @@ class MeetingOptions:
     trimmed_scale: float = 1.35
 
 
-MEETING = MeetingOptions()
 MIN_SINE = 0.02  # of the angle between two rays; below it, one degree, they fix no depth
 MAX_CONDITION = 1e5  # of the equations of rays; two that are nearer to parallel than half a degree fix no depth
 RAY_RIDGE = 1e-12  # of the equations' size, which keeps parallel rays from a division by nought

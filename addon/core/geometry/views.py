@@ -13,8 +13,7 @@ from .cameras import Cameras
 NOWHERE = 1e6  # where padding lies in the normalised image: too far to be anybody's nearest
 
 
-@dataclass(frozen=True)
-class ViewOptions:
+class VIEWING:
     """What a camera may see.
 
     max_blobs    memory: of one camera in one frame; more is a broken threshold, not a capture
@@ -23,9 +22,6 @@ class ViewOptions:
 
     max_blobs: int = 500
     min_depth_m: float = 0.05
-
-
-VIEWING = ViewOptions()
 
 
 @dataclass(frozen=True, eq=False)

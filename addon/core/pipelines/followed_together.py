@@ -43,8 +43,7 @@ from ..reconstruction.matching import FramePoints, padded
 from ..reconstruction.trajectories import Reconstructor
 
 
-@dataclass(frozen=True)
-class FollowedTogetherOptions:
+class FOLLOWED_TOGETHER:
     """When bodies that are followed together are believed."""
 
     looked_at_s: float = 0.2  # physical: between frames that are looked at; a limb swings for half a second
@@ -58,7 +57,6 @@ class FollowedTogetherOptions:
     lead: float = 2.0  # physical: nats, by which one of two must have a blob nearer to be called its only owner
 
 
-FOLLOWED_TOGETHER = FollowedTogetherOptions()
 LEAST_LOOKED_AT = 4  # frames of a chunk, at least
 LEARNED_FROM = 2  # frames: whose points have many rays need not know the capture well
 MAX_STARTS = 4  # of a chunk, in different frames; by time

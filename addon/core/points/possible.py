@@ -8,7 +8,6 @@ which, the whole body does.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from itertools import permutations
 from math import log
 
@@ -32,8 +31,7 @@ GRAVITY = 9.81  # m/s², physical
 UNIT_M = {"mm": 0.001, "cm": 0.01, "inches": 0.0254, "m": 1.0}  # metres in one of each; format
 
 
-@dataclass(frozen=True)
-class PossibleOptions:
+class POSSIBLE:
     """What cannot be, and how it is looked at.
 
     part           measured: of the frames, and
@@ -60,7 +58,6 @@ class PossibleOptions:
     slow_speed: float = 0.8
 
 
-POSSIBLE = PossibleOptions()
 FRAMES_ASKED = 40  # spread over a take, of which something slow is asked; by time
 FRAMES_LOOKED_AT = 200  # spread over the take, and
 COLUMNS_LOOKED_AT = 100  # which have the most points; by time

@@ -19,8 +19,7 @@ from .models import USUAL_TARGET, Model, Namer
 from .possible import FRAMES_ASKED, mistaken_unit
 
 
-@dataclass(frozen=True)
-class RefusalOptions:
+class REFUSAL:
     """When a take is refused; shares are of what could be given.
 
     max_points      memory: of a frame; more are no marker system's
@@ -52,9 +51,6 @@ class RefusalOptions:
     min_half: float = 0.5
     max_residual: float = 0.6
     min_layout: float = 4.9
-
-
-REFUSAL = RefusalOptions()
 
 
 def refuse_floods(points: Table):

@@ -20,8 +20,7 @@ from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, eve
 from .likelihood.model import chance
 
 
-@dataclass(frozen=True)
-class CutOptions:
+class CUTTING:
     """Where a trajectory may go on as another marker's.
 
     max_gap_s    physical: s without a point, half a stride: a whole limb has moved on, and another marker may be in its
@@ -35,8 +34,7 @@ class CutOptions:
     min_nearest: float = 0.6
 
 
-@dataclass(frozen=True)
-class VoteOptions:
+class VOTE:
     """How tracklets vote.
 
     max_frame_log_odds  measured: that one frame can say, beyond which its calibration knows nothing; half or twice as
@@ -60,8 +58,6 @@ class VoteOptions:
     min_length_frames: int = 5
 
 
-CUTTING = CutOptions()
-VOTE = VoteOptions()
 PAIRS_COMPARED = 200  # pairs of frames in which it is seen whether columns are trajectories; by time
 MIN_STEPS = 100  # from one point of a column to the next, of which a share is known to a twentieth
 POINTS_AT_ONCE = 200_000  # that are cut at once; by memory

@@ -9,7 +9,7 @@ makes more names, until nothing changes.
 """
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,8 +25,7 @@ from .refusals import REFUSAL
 from .tracklets import are_lasting
 
 
-@dataclass(frozen=True)
-class UnorderedOptions:
+class UNORDERED:
     """How frames in no order teach their subject, and how much its own count against the training.
 
     frames       that the training's spread counts for; measured: of the cloud 80 are as good on people left out, with 8
@@ -46,7 +45,6 @@ class UnorderedOptions:
     hidden_part: float = 1 / 12
 
 
-UNORDERED = UnorderedOptions()
 SUBJECT_ROUNDS = 6  # of expectation maximisation; it settles sooner
 FRAMES_LEARNED_FROM = 600  # of a take; by time
 MIN_CLOUDS = 20  # of them that have enough sure names, else there is nothing to learn from

@@ -16,8 +16,7 @@ from ..review.camera_order import cycles_of
 from .spread import some_of
 
 
-@dataclass(frozen=True)
-class ContradictionOptions:
+class CONTRADICTING:
     """When two markers of a take have each other's names.
 
     lead_sd  sizes, that leads of the same subject differ by between takes; physical: 1 % of a body, as skin gives.
@@ -30,9 +29,6 @@ class ContradictionOptions:
     lead_sd: float = 0.01
     pairs: int = 12
     better: float = 0.5
-
-
-CONTRADICTING = ContradictionOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ of it. What the markers do is shown by made-up people, who differ and move as re
 """
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -74,8 +74,7 @@ OFF_AXIS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class DescribingOptions:
+class DESCRIBING:
     """How a described set is learned.
 
     people        made-up people whose frames are learned from; measured: 24 name strangers in Plug-in Gait as 12 do
@@ -86,9 +85,6 @@ class DescribingOptions:
     people: int = 12
     landmark_sd: float = 0.004
     anywhere_sd: float = 0.017
-
-
-DESCRIBING = DescribingOptions()
 
 
 def described(layout: Layout, bodies: Sequence[MarkerSet]) -> MarkerSet:

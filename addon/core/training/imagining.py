@@ -24,8 +24,7 @@ from .poses import posed_bodies, poses_of, with_mirrored
 from .spread import SPREAD, some_of
 
 
-@dataclass(frozen=True)
-class ImaginingOptions:
+class IMAGINING:
     """How frames are made up.
 
     frames         of each made-up subject; memory: a walk of three seconds
@@ -42,9 +41,6 @@ class ImaginingOptions:
     people: int = 4
     wider: float = 1.25
     joint_sd_m: float = 0.01
-
-
-IMAGINING = ImaginingOptions()
 
 
 def shows_poses(points: np.ndarray) -> bool:

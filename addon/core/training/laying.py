@@ -37,8 +37,7 @@ HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of h
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
 
 
-@dataclass(frozen=True)
-class LayingOptions:
+class LAYING:
     """How a body is laid into a cloud of points.
 
     starts     so many of the likeliest are fitted; measured: 10 to 80 lay the same into walkers of McGill
@@ -51,9 +50,6 @@ class LayingOptions:
     starts: int = 20
     gates: tuple[float, float] = (0.2, 0.05)
     max_off: float = 0.016
-
-
-LAYING = LayingOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,8 +37,7 @@ from .takes import LabelledTake, contradicted, gathered, of_markers, subject_row
 from .transfer import known_body, settled, transferred
 
 
-@dataclass(frozen=True)
-class PeopleOptions:
+class PEOPLE:
     """When a take is a person's.
 
     max_off      heights, how far markers may be from where the body has them, in the mean of their medians; measured:
@@ -50,9 +49,6 @@ class PeopleOptions:
 
     max_off: float = 0.008
     max_unusual: float = 200.0
-
-
-PEOPLE = PeopleOptions()
 
 
 def person_in(

@@ -18,8 +18,7 @@ from ..points.rigid_bodies.model import distance_tables
 from .spread import SPREAD, TAIL_SDS, TAILS, full_frames, some_of
 
 
-@dataclass(frozen=True)
-class SegmentOptions:
+class SEGMENTING:
     """How a skeleton is found from the motion of markers.
 
     max_rigid_sd   of the subject's size: distances that vary less, in the mean over a group, are a segment's; physical:
@@ -43,9 +42,6 @@ class SegmentOptions:
     min_radius: float = 0.008
     height_sd: float = 0.1
     heights_m: tuple[float, float] = (0.3, 3.0)
-
-
-SEGMENTING = SegmentOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,7 @@ from .spread import MAJORITY
 CELLS_A_SIDE = 1 << 20  # so many cells of space along an axis have a number of their own
 
 
-@dataclass(frozen=True)
-class KeepingOptions:
+class KEEPING:
     """What goes together and what is kept.
 
     max_size_ratio     of a take to the others, and of them to it; physical: people differ by two, units by ten
@@ -29,9 +28,6 @@ class KeepingOptions:
 
     max_size_ratio: float = 5.0
     considered_frames: int = 4000
-
-
-KEEPING = KeepingOptions()
 
 
 @dataclass(frozen=True, eq=False)

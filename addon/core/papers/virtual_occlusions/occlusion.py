@@ -6,7 +6,6 @@ capsules in closed form; another volume (a mesh in a scene) answers the same que
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -21,8 +20,7 @@ MIN_DIVISOR_M2 = 1e-12  # what is divided by is never less
 RAYS_ONCE = 60_000  # rays against capsules that are worked on at once, few enough for the processor's cache
 
 
-@dataclass(frozen=True)
-class OcclusionOptions:
+class OCCLUDING:
     """How a body hides markers.
 
     standoff        physical: heights, how far a marker's centre is off the skin that carries it, the radius of a 14 mm
@@ -36,9 +34,6 @@ class OcclusionOptions:
     standoff: float = 0.005
     min_side_share: float = 0.25
     fitted_shrink: float = 0.9
-
-
-OCCLUDING = OcclusionOptions()
 
 
 class Occlusion(Protocol):
@@ -129,7 +124,7 @@ def capsules_hide(
     """(B, C, M) True where a capsule of the body stands between a marker and a camera's centre.
 
     start, axis (B, K, 3) and radius (B, K) are the capsules, markers (B, M, 3), centres (C, 3), standoff (B,) how far
-    off a capsule's surface a marker that sits on it is looked at from; all m. `min_side_share` see `OcclusionOptions`.
+    off a capsule's surface a marker that sits on it is looked at from; all m. `min_side_share` see `OCCLUDING`.
     """
     # Distances come out of differences of squares, so nothing may be far from the origin.
     origin = start[:, :1]

@@ -16,8 +16,7 @@ from ...geometry.rigid import pairwise_distances
 from .shape import SUBJECT_PRIOR
 
 
-@dataclass(frozen=True)
-class ConstraintOptions:
+class CONSTRAINING:
     """Which distances are constraints, and how strong the evidence of one is.
 
     max_sd_radii    standard deviation of a length in one subject; physical: 4 cm, more than skin moves over bone
@@ -43,7 +42,6 @@ class ConstraintOptions:
     min_size_sd: float = 0.05
 
 
-CONSTRAINING = ConstraintOptions()
 MAX_OF_MARKER = 12  # the surest constraints of a marker, beyond which more say the same again; by time
 
 

@@ -15,8 +15,7 @@ from .solving import Solved, solve
 from .starts import START_YAWS, Guesses, guess
 
 
-@dataclass(frozen=True)
-class FrameOptions:
+class FRAME_NAMING:
     """How frames are worked on.
 
     max_pairs        of the points of frames at once; memory: the processor's own
@@ -30,7 +29,6 @@ class FrameOptions:
     max_mean_square: float = 0.5
 
 
-FRAME_NAMING = FrameOptions()
 NAMED_AT_ONCE = 4, 64  # at least and at most
 GUESSES, MORE_GUESSES = 3, 6  # of a frame that are followed to the end: more of many points, or of a doubtful outcome
 

@@ -25,8 +25,7 @@ from .shape import Shape, as_other_subjects, cloud_radius, learn_shape
 from .sides import learn_sides
 
 
-@dataclass(frozen=True)
-class LearnOptions:
+class LEARN:
     """What is learned from, how a calibration is measured, and where the points of its trials lie.
 
     min_frames          to learn from; physical: a tenth of a second at 100 Hz, fewer show no motion
@@ -52,7 +51,6 @@ class LearnOptions:
     max_along: float = 1.5
 
 
-LEARN = LearnOptions()
 FOLDS = 5  # that subjects or frames are split into
 MAX_GHOSTS = 3  # in a frame of a trial
 CROWD_EVERY = 4  # one frame in so many is tried with many more points too,

@@ -17,8 +17,7 @@ from .sides import NO_SIDES, Sides
 from .starts import COARSE_MODES
 
 
-@dataclass(frozen=True)
-class CalibrationOptions:
+class CALIBRATION:
     """How the chance of a label is learned from its margin, log odds, and its frame.
 
     knees        margins at which the line may bend; format: a model file has a weight for each
@@ -31,7 +30,6 @@ class CalibrationOptions:
     kind_bounds: tuple[float, ...] = (0.7, 0.87)
 
 
-CALIBRATION = CalibrationOptions()
 LEVELS = 200  # rates whose least log odds are kept, in a model file
 MAX_MARGIN = 12.0  # margins beyond are taken for this: trials are too few to tell more
 MAX_LOG_ODDS = 30.0  # of a chance, beyond which numbers have no room

@@ -80,8 +80,7 @@ def _let_in(newcomer: int, worth: Worth, holder: dict[int, int]):
 IMPOSSIBLE = -1e6  # log odds
 
 
-@dataclass(frozen=True)
-class GhostOptions:
+class GHOSTS_EXPECTED:
     """What is assumed of a frame's ghosts and hidden markers before it is seen.
 
     density        ghosts in a cube of one radius; measured: half or twice loses 2 % of walks learned from still trials
@@ -94,9 +93,6 @@ class GhostOptions:
     max_usual: int = 3
     crowd_cubes: float = 15.0
     hidden_chance: float = 0.25
-
-
-GHOSTS_EXPECTED = GhostOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ import numpy as np
 from ...geometry.upright import turned, upright_aligned
 
 
-@dataclass(frozen=True)
-class SubjectPrior:
+class SUBJECT_PRIOR:
     """How much subjects are taken to differ, whatever a few of them show: it counts as one subject more.
 
     between           times the spread between the subjects seen, of which a handful shows less than there is; measured
@@ -32,8 +31,7 @@ class SubjectPrior:
     length_sd: float = 0.03
 
 
-@dataclass(frozen=True)
-class ShapeOptions:
+class SHAPE:
     """How a shape is learned.
 
     pose_variance  times the variance of the poses seen: a few short takes show less than there are; measured on people
@@ -48,11 +46,9 @@ class ShapeOptions:
     min_sd_radii: float = 0.016
 
 
-SHAPE = ShapeOptions()
 SHAPE_FRAMES = 400  # of each subject, drawn; by time
 MAX_MODES = 20  # what is beyond is noise; by time
 ALIGNING_ROUNDS, FACTOR_ROUNDS = 4, 12  # of aligning and of filling gaps in, and of factor analysis; all settle sooner
-SUBJECT_PRIOR = SubjectPrior()
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +172,7 @@ def factors(covariance: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarra
 PLACE, YAW, FIRST_MODE = slice(0, 3), 3, 4  # columns of a latent vector
 
 
-@dataclass(frozen=True)
-class LatentOptions:
+class LATENT:
     """How freely a shape is placed.
 
     place_sd_radii  where the subject stands is as good as unknown; physical: a room is six times as wide as a person
@@ -186,9 +181,6 @@ class LatentOptions:
 
     place_sd_radii: float = 6.0
     yaw_sd_rad: float = 0.5
-
-
-LATENT = LatentOptions()
 
 
 class Latent:

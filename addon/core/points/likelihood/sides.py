@@ -18,8 +18,7 @@ from .distances import CONSTRAINING, MAX_OF_MARKER, lengths_of, mean_seen
 from .shape import SHAPE_FRAMES, SUBJECT_PRIOR
 
 
-@dataclass(frozen=True)
-class SideOptions:
+class SIDES:
     """Which sides are learned.
 
     near    memory and time: of a marker, whose distances keep best, that make its planes
@@ -28,9 +27,6 @@ class SideOptions:
 
     near: int = 8
     planes: int = 3
-
-
-SIDES = SideOptions()
 
 
 @dataclass(frozen=True, eq=False)

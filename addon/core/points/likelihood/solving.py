@@ -40,8 +40,7 @@ from .shape import FIRST_MODE, Latent
 from .starts import Guesses
 
 
-@dataclass(frozen=True)
-class SolvingOptions:
+class SOLVING:
     """How far guesses are followed, by log likelihood, and which neighbouring namings are tried.
 
     max_behind_guess     a frame's best, from which a guess is followed no further; measured: half or twice names people
@@ -58,7 +57,6 @@ class SolvingOptions:
     max_distance_radii: float = 0.8
 
 
-SOLVING = SolvingOptions()
 MIN_GAIN = 0.05  # log likelihood that is worth another round
 RENAMING_ROUNDS = 2  # of naming again by everyone's conditional odds
 MAX_CLIMBS = 6  # moves and swaps that may follow each other

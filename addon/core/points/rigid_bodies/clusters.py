@@ -20,8 +20,7 @@ from .model import RIGID_BODY, linking_order
 from .structure import INDEPENDENT, JOINT, MAX_COST, Structure, find_joints, quad_volumes
 
 
-@dataclass(frozen=True)
-class ClusterMatchOptions:
+class CLUSTER_MATCH:
     """What tracklets do that are one rigid thing, and what is worth, log likelihood, that it is a rigid body.
 
     missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
@@ -34,7 +33,6 @@ class ClusterMatchOptions:
     joint_gain: float = 2.0
 
 
-CLUSTER_MATCH = ClusterMatchOptions()
 CLUSTERING_FRAMES = 500  # that a take is looked at in; more show the same
 MIN_TRACKLET_S = 0.1  # of a tracklet that is looked at
 LAYING_ROUNDS = 6  # of laying a cluster on its mean form; it is still before

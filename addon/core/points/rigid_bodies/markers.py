@@ -30,8 +30,7 @@ from .structure import (
 )
 
 
-@dataclass(frozen=True)
-class MarkerMatchOptions:
+class MARKER_MATCH:
     """What is worth that a point is a marker of its rigid body, log likelihood, and a tracklet one on none, log odds.
 
     swing_rad      that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
@@ -46,7 +45,6 @@ class MarkerMatchOptions:
     min_lead: float = 3.0
 
 
-MARKER_MATCH = MarkerMatchOptions()
 INDEPENDENT_SIDES = 2 * INDEPENDENT  # volumes that are all the evidence of which side is which
 JUDGES = 8  # named markers that a tracklet is judged by
 

@@ -16,8 +16,7 @@ from ...data.physical import MARKER_LIMITS
 from ...geometry.rigid import MIN_POINTS, distance_ranges, mean_form, pairwise_distances
 
 
-@dataclass(frozen=True)
-class RigidBodyOptions:
+class RIGID_BODY:
     """When markers are on rigid bodies, and how far their distances may leave what was seen.
 
     max_rigid_sd     radii, standard deviation of every distance within a rigid body; physical: 12 mm, as skin moves
@@ -43,7 +42,6 @@ class RigidBodyOptions:
     slack_range: float = 0.25
 
 
-RIGID_BODY = RigidBodyOptions()
 MAX_BASES = 8  # triangles that a rigid body is recognised by: some may be hidden, all are too many
 RANGE_TAILS = [0.5, 99.5]  # per cent of a distance, between which its range is; beyond are outliers
 UNSEEN_M = 50.0  # how far two markers may be from each other that were never seen together: anywhere

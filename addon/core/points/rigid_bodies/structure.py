@@ -69,8 +69,7 @@ def _median(values: np.ndarray) -> np.ndarray:
     return np.where(count[:, 0] > 0, found, 0.0)
 
 
-@dataclass(frozen=True)
-class JointOptions:
+class JOINT:
     """When two rigid bodies are taken to meet in a joint, and how subjects differ.
 
     max_miss_m      physical: root mean square, that rigid bodies with a joint between them may be off it, and a marker
@@ -85,7 +84,6 @@ class JointOptions:
     proportions_sd: float = 0.08
 
 
-JOINT = JointOptions()
 STRUCTURE_FRAMES = 300  # of a subject that are learned from, evenly spread
 JOINT_PULL = 0.05  # of a joint to the middles of its rigid bodies, along axes about which nothing turns
 MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint

@@ -17,8 +17,7 @@ from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 
 
-@dataclass(frozen=True)
-class AffinityOptions:
+class AFFINITY:
     """What distances between two markers of one body do, and how much of a take is looked at.
 
     sample_rate  frames a second that are looked at; physical: nobody walks past anybody in a twentieth of a second
@@ -41,7 +40,6 @@ class AffinityOptions:
     steady_m: float = 0.02
 
 
-AFFINITY = AffinityOptions()
 AFFINE_TRACKLETS = 6  # of a body, whose mean affinity to one is the body's; as many markers as a segment has at most
 MIN_SAMPLES = 4  # frames of a tracklet that are looked at, at least: with fewer a distance has no variance
 TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time; by memory

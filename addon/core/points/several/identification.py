@@ -30,8 +30,7 @@ from .bodies import Crowd, NamedBody
 from .parting import NO_BODY, usual_count
 
 
-@dataclass(frozen=True)
-class IdentificationOptions:
+class IDENTIFICATION:
     """How the distances of one person differ, and how tracklets are shared out.
 
     lead        log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one of two
@@ -47,7 +46,6 @@ class IdentificationOptions:
     fitting: float = -4.0
 
 
-IDENTIFICATION = IdentificationOptions()
 ROUNDS_OF_SHARING = 3  # of solving those again that lost some; by time
 FRAMES_COMPARED = 300  # that are looked at, of all with two markers of somebody
 MIN_MET = 10  # frames in which two markers must be there for their distance to say anything

@@ -23,8 +23,7 @@ from .affinity import AFFINE_TRACKLETS, Affinity
 from .wearers import MAX_SUBJECTS
 
 
-@dataclass(frozen=True)
-class PartingPeopleOptions:
+class PARTING_PEOPLE:
     """What a body shows of itself, how bodies are told apart by where they are, and tracklets parted into bodies.
 
     firm       part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice
@@ -52,7 +51,6 @@ class PartingPeopleOptions:
     on_body: float = 0.5
 
 
-PARTING_PEOPLE = PartingPeopleOptions()
 NO_BODY = -1
 FRAMES_COUNTED = 80  # that are looked at
 PLACES_TRIED = 60  # frames in which bodies are looked for first, spread over the take; by time

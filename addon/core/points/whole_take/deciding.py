@@ -23,8 +23,7 @@ from .solving import Solution
 from .tracklets import FrameLabels
 
 
-@dataclass(frozen=True)
-class DecidingOptions:
+class DECIDING:
     """What is sure enough to be said.
 
     odds_of_target  measured: of the log odds of a target, that a tracklet's name must be ahead of any other by a
@@ -32,9 +31,6 @@ class DecidingOptions:
     """
 
     odds_of_target: float = 0.6
-
-
-DECIDING = DecidingOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,7 @@ from .objective import OBJECTIVE, clipped, settled_frames
 from .pairs import PAIRING
 
 
-@dataclass(frozen=True)
-class BlockOptions:
+class BLOCKS:
     """What is named again together.
 
     size    physical: markers at a time: a heel, an ankle and a toe
@@ -36,9 +35,6 @@ class BlockOptions:
 
     size: int = 3
     points: int = 6
-
-
-BLOCKS = BlockOptions()
 
 
 def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:

@@ -14,8 +14,7 @@ from ...data.takes import NO_MARKER
 from ..tracklets import VOTE
 
 
-@dataclass(frozen=True)
-class TakeMatchingOptions:
+class TAKE_MATCHING:
     """How what is open is decided.
 
     max_tried  memory and time: names that hang together of which all choices are tried one by one; of more SciPy's
@@ -28,9 +27,6 @@ class TakeMatchingOptions:
     max_tried: int = 20
     least: float = 1e-6
     order: float = 0.01
-
-
-TAKE_MATCHING = TakeMatchingOptions()
 
 
 @dataclass(frozen=True, eq=False)

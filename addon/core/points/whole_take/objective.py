@@ -56,8 +56,7 @@ class Freedom:
     link: float
 
 
-@dataclass(frozen=True)
-class ObjectiveOptions:
+class OBJECTIVE:
     """What the objective looks at.
 
     frames     memory: whose shape is asked, and sides, out of so many times as many that show most of the markers
@@ -78,7 +77,6 @@ class ObjectiveOptions:
     extra: float = 12.0
 
 
-OBJECTIVE = ObjectiveOptions()
 USUAL_FREEDOM = Freedom(0.1, 0.0, 0.0, 8.0)
 
 

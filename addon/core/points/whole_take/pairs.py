@@ -21,8 +21,7 @@ from ..likelihood.shape import SUBJECT_PRIOR
 from ..models import Model
 
 
-@dataclass(frozen=True)
-class PairOptions:
+class PAIRING:
     """How distances are learned.
 
     min_frames        physical: of a subject, or of a tracklet, that show how it moves: a third of a second
@@ -52,9 +51,6 @@ class PairOptions:
     min_sway: float = 0.03
     independent: float = 4.0
     block: int = 64
-
-
-PAIRING = PairOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,17 +40,13 @@ if TYPE_CHECKING:  # most sets are on no rigid bodies
     from .recognition import Recognition
 
 
-@dataclass(frozen=True)
-class AskingOptions:
+class ASKING:
     """How often frames are named on their own.
 
     rate  measured: frames a second; with 10 names of 2 % of a part of acrobatics are wrong, 30 change no label of it
     """
 
     rate: float = 15.0
-
-
-ASKING = AskingOptions()
 
 
 def asked_frames(tracklet: np.ndarray, rate: float) -> np.ndarray:

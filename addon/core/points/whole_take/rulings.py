@@ -21,17 +21,13 @@ if TYPE_CHECKING:
     from .solving import Solution
 
 
-@dataclass(frozen=True)
-class RulingOptions:
+class RULING:
     """How much edits say.
 
     odds  format: log odds of what a person said: more than all frames and distances together
     """
 
     odds: float = 1000.0
-
-
-RULING = RulingOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,8 +35,7 @@ from .pairs import without_markers
 from .rulings import RULING
 
 
-@dataclass(frozen=True)
-class SearchOptions:
+class SEARCH:
     """Which moves are tried.
 
     sizes      physical: of a neighbourhood, a marker and those nearest to it: a hand, a forearm, a foot with its shank
@@ -58,7 +57,6 @@ class SearchOptions:
     width: int = 30
 
 
-SEARCH = SearchOptions()
 Moves = Literal["all", "exchanges", "none"]
 
 

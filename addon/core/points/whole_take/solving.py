@@ -27,8 +27,7 @@ from .search import SEARCH, Moves, Search
 from .tracklets import FrameLabels, Tracklets, tracklets_of
 
 
-@dataclass(frozen=True)
-class RoundOptions:
+class ROUNDS:
     """How names spread.
 
     margin       log odds that a tracklet's name must be ahead of any other to be believed in the next; measured: twice
@@ -43,8 +42,7 @@ class RoundOptions:
     max_rounds: int = 8
 
 
-@dataclass(frozen=True)
-class MarginOptions:
+class MARGINS:
     """How sure a name is, by what else was tried.
 
     looks  measured: independent looks that a take is worth for a group of markers: its layout is off in all frames
@@ -54,10 +52,6 @@ class MarginOptions:
 
     looks: float = 1.5
     there: float = 3.0
-
-
-ROUNDS = RoundOptions()
-MARGINS = MarginOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,7 @@ from ...data.takes import BY_TRAJECTORY, NO_MARKER, Labels
 from ..tracklets import VOTE, frame_log_odds
 
 
-@dataclass(frozen=True)
-class VotingOptions:
+class VOTING:
     """What of a tracklet's frames is looked at.
 
     max_votes  measured: log odds that all frames that were named on their own can say; half loses 7 % of still trials
@@ -22,9 +21,6 @@ class VotingOptions:
 
     max_votes: float = 8.0
     samples: int = 12
-
-
-VOTING = VotingOptions()
 
 
 @dataclass(frozen=True, eq=False)
