@@ -75,16 +75,14 @@ OFF_AXIS = {
 
 
 class DESCRIBING:
-    """How a described set is learned.
+    """How a described set is learned."""
 
-    people        made-up people whose frames are learned from; measured: 24 name strangers in Plug-in Gait as 12 do
-    landmark_sd   heights, by which a landmark is missed at least; measured: ankles between labs are 6 to 8 mm apart
-    anywhere_sd   heights, the same of a place between landmarks; measured: thighs, shanks and forearms 23 to 36 mm
-    """
-
-    people: int = 12
-    landmark_sd: float = 0.004
-    anywhere_sd: float = 0.017
+    # made-up people whose frames are learned from; measured: 24 name strangers in Plug-in Gait as 12 do
+    people: int = 12  # learned
+    # heights, by which a landmark is missed at least; measured: ankles between labs are 6 to 8 mm apart
+    landmark_sd: float = 0.004  # measured
+    # heights, the same of a place between landmarks; measured: thighs, shanks and forearms 23 to 36 mm
+    anywhere_sd: float = 0.017  # measured
 
 
 def described(layout: Layout, bodies: Sequence[MarkerSet]) -> MarkerSet:

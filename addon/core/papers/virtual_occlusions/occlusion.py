@@ -21,19 +21,16 @@ RAYS_ONCE = 60_000  # rays against capsules that are worked on at once, few enou
 
 
 class OCCLUDING:
-    """How a body hides markers.
+    """How a body hides markers."""
 
-    standoff        physical: heights, how far a marker's centre is off the skin that carries it, the radius of a 14 mm
-                    marker and its base
-    min_side_share  paper, 4, rather visible than hidden: nearer to a capsule's axis than this part of its radius,
-                    nobody knows on which side of the body a marker sits
-    fitted_shrink   measured: of the radii of a body that is being fitted; 0.4 % of the markers seen are then believed
-                    hidden, with whole radii 1.7 % (`gait15`)
-    """
-
-    standoff: float = 0.005
-    min_side_share: float = 0.25
-    fitted_shrink: float = 0.9
+    # heights, how far a marker's centre is off the skin that carries it, the radius of a 14 mm marker and its base
+    standoff: float = 0.005  # physical
+    # paper, 4, rather visible than hidden: nearer to a capsule's axis than this part of its radius, nobody knows on
+    # which side of the body a marker sits
+    min_side_share: float = 0.25  # paper
+    # of the radii of a body that is being fitted; 0.4 % of the markers seen are then believed hidden, with whole radii
+    # 1.7 % (`gait15`)
+    fitted_shrink: float = 0.9  # measured
 
 
 class Occlusion(Protocol):

@@ -26,15 +26,12 @@ from .pairs import PAIRING
 
 
 class BLOCKS:
-    """What is named again together.
+    """What is named again together."""
 
-    size    physical: markers at a time: a heel, an ankle and a toe
-    points  memory and time: that each may be, the likeliest on its own, and choices of each block that are weighed
-            exactly; half names crowds alike
-    """
-
-    size: int = 3
-    points: int = 6
+    size: int = 3  # physical: markers at a time: a heel, an ankle and a toe
+    # memory and time: that each may be, the likeliest on its own, and choices of each block that are weighed exactly;
+    # half names crowds alike
+    points: int = 6  # memory
 
 
 def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
