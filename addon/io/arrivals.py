@@ -26,17 +26,12 @@ State = tuple[int, ...]  # what tells a file, and the edits beside it, from how 
 
 @dataclass
 class Arrival:
-    """A file of a folder.
+    """A file of a folder."""
 
-    state     as it was at the last look, and since when
-    tried     the state in which it was worked on, None where it never was
-    left_out  the state in which it was seen to be no take
-    """
-
-    state: State
+    state: State  # as it was at the last look, and since when
     since: float
-    tried: State | None = None
-    left_out: State | None = None
+    tried: State | None = None  # the state in which it was worked on, None where it never was
+    left_out: State | None = None  # the state in which it was seen to be no take
 
     @property
     def is_new(self) -> bool:

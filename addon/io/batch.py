@@ -28,40 +28,25 @@ MAX_FIGURE = 2.0**53  # beyond which a float counts no more: format
 
 @dataclass(frozen=True)
 class TakeRow:
-    """A take of a batch.
+    """A take of a batch."""
 
-    take      its name, the file's without its ending, and `source` that file's whole name
-    state     one of TAKE_STATES; what is neither failed nor labelled yet has no figures
-    trouble   entries of the report's `trouble` that nobody has answered, and
-    at_stake  the marker-frames at stake in them
-    named     the part of its blobs or points that has a name; None where there are none
-    on_body   what has no name beside the body: of points trajectories, of blobs those beside a marker without one
-    found     the part of all samples, markers times frames, that was found
-    frames    all of them, and `whole` those in which every marker of the take is found
-    seconds   that it took
-    reason    why it failed, else what is to be looked at first
-    page      the name of its page beside the table, empty where there is none
-    gaps      filled ones and all, None where none were to be filled
-    version   of the program
-    markers   the frames in which each marker was found
-    """
-
-    take: str
+    take: str  # its name, the file's without its ending, and `source` that file's whole name
     source: str
-    state: str
-    trouble: int = 0
-    at_stake: float = 0.0
-    named: float | None = None
+    state: str  # one of TAKE_STATES; what is neither failed nor labelled yet has no figures
+    trouble: int = 0  # entries of the report's `trouble` that nobody has answered, and
+    at_stake: float = 0.0  # the marker-frames at stake in them
+    named: float | None = None  # the part of its blobs or points that has a name; None where there are none
+    # what has no name beside the body: of points trajectories, of blobs those beside a marker without one
     on_body: int = 0
-    found: float = 0.0
-    frames: int = 0
+    found: float = 0.0  # the part of all samples, markers times frames, that was found
+    frames: int = 0  # all of them, and `whole` those in which every marker of the take is found
     whole: int = 0
-    seconds: float = 0.0
-    reason: str = ""
-    page: str = ""
-    gaps: tuple[int, int] | None = None
-    version: str = ""
-    markers: Mapping[str, int] | None = None
+    seconds: float = 0.0  # that it took
+    reason: str = ""  # why it failed, else what is to be looked at first
+    page: str = ""  # the name of its page beside the table, empty where there is none
+    gaps: tuple[int, int] | None = None  # filled ones and all, None where none were to be filled
+    version: str = ""  # of the program
+    markers: Mapping[str, int] | None = None  # the frames in which each marker was found
 
     @property
     def measured(self) -> bool:

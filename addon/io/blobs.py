@@ -36,16 +36,11 @@ UNSEEN_FOR_SEEN = 10
 
 @dataclass(frozen=True, eq=False)
 class BlobRows:
-    """One chunk of a blob file.
+    """One chunk of a blob file."""
 
-    blobs     its blobs, in the order of the file
-    keys      each row's own text of frame, camera, x and y, ready to begin a row of a CSV file
-    fraction  how much of the file has been read, 0 to 1
-    """
-
-    blobs: Blobs
-    keys: list[str]
-    fraction: float
+    blobs: Blobs  # its blobs, in the order of the file
+    keys: list[str]  # each row's own text of frame, camera, x and y, ready to begin a row of a CSV file
+    fraction: float  # how much of the file has been read, 0 to 1
 
 
 def read_blobs(

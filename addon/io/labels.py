@@ -66,35 +66,22 @@ class TruthWriter(RowWriter):
 
 @dataclass(frozen=True)
 class LabelRow:
-    """One row of a labels or truth file.
+    """One row of a labels or truth file."""
 
-    line        where it stands in the file
-    frame       the frame
-    key         what tells it from others in the frame: camera, x and y of a blob, the index of a point
-    marker      the name as it stands, merged ones joined with `|`; empty for none
-    step        how the label came about; empty where the file does not say
-    confidence  0 to 1; NaN where the file does not say
-    """
-
-    line: int
-    frame: int
-    key: tuple
-    marker: str
-    step: str
-    confidence: float
+    line: int  # where it stands in the file
+    frame: int  # the frame
+    key: tuple  # what tells it from others in the frame: camera, x and y of a blob, the index of a point
+    marker: str  # the name as it stands, merged ones joined with `|`; empty for none
+    step: str  # how the label came about; empty where the file does not say
+    confidence: float  # 0 to 1; NaN where the file does not say
 
 
 class UnreadRow(NamedTuple):
-    """One row as it stands in its file, of which only the frame was read.
+    """One row as it stands in its file, of which only the frame was read."""
 
-    line   where it stands in the file
-    frame  the frame
-    text   the whole line
-    """
-
-    line: int
-    frame: int
-    text: bytes
+    line: int  # where it stands in the file
+    frame: int  # the frame
+    text: bytes  # the whole line
 
 
 class LabelFile:

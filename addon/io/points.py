@@ -37,19 +37,12 @@ _UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNO
 
 @dataclass(frozen=True, eq=False)
 class FilePoints(Points):
-    """Points out of a file.
+    """Points out of a file, which says each one's index there; trajectories may share a lane."""
 
-    columns  (P,) the 0-based index of each trajectory in the file, what label files call `point`
-    lanes    which of them stands where: those that are not there at a time may share a lane
-    assumed  the unit that the points were taken to be in, where the file names none that is known; else empty
-    up       the axis of the file that points up, such as "+Z"
-    notes    what was taken to be otherwise than the file says, in sentences
-    trial    where it is not mirrored: what `write_c3d` and `write_trc` need to keep what else its file holds
-    """
-
-    assumed: str = ""
-    up: str = "+Z"
-    notes: tuple[str, ...] = ()
+    assumed: str = ""  # the unit that they were taken to be in, where the file names none that is known; else empty
+    up: str = "+Z"  # the axis of the file that points up
+    notes: tuple[str, ...] = ()  # what was taken to be otherwise than the file says, in sentences
+    # where it is not mirrored: what `write_c3d` and `write_trc` need to keep what else its file holds
     trial: TrialFile | TextHead | None = None
 
     @property

@@ -16,18 +16,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """N samples of a file that are there, as the numbers that stand there.
+    """N samples of a file that are there, as the numbers that stand there."""
 
-    frame     (N,) 0-based, and
-    column    (N,) of the file
-    xyz       (N, 3), of the narrowest kind that holds them, and
-    residual  (N,), NaN where not stated
-    """
-
-    frame: np.ndarray
-    column: np.ndarray
-    xyz: np.ndarray
-    residual: np.ndarray
+    frame: np.ndarray  # (N,) 0-based, and
+    column: np.ndarray  # (N,) of the file
+    xyz: np.ndarray  # (N, 3), of the narrowest kind that holds them, and
+    residual: np.ndarray  # (N,), NaN where not stated
 
     @classmethod
     def of(cls, xyz: np.ndarray, first: int = 0) -> Self:
@@ -42,50 +36,35 @@ Parts = Callable[[], Iterable[Samples]]  # all samples of a file, part by part, 
 
 @dataclass(frozen=True, eq=False)
 class TextHead:
-    """What the head of a text file says of its take, for the file that names are put into.
+    """What the head of a text file says of its take, for the file that names are put into."""
 
-    fields  texts by what a TRC calls them
-    said    what of a Motive `.csv` or a `.tsv` is about the take and not about the export, by its names
-    begin   s from zero to frame 0, of a TRC; None of others
-    group   of a C3D in which that is said
-    events  of a `.tsv`, each a name and a frame
-    """
-
-    fields: Mapping[str, str]
+    fields: Mapping[str, str]  # texts by what a TRC calls them
+    # what of a Motive `.csv` or a `.tsv` is about the take and not about the export, by its names
     said: Mapping[str, str]
-    begin: float | None = None
-    group: str = "MOTIVE"
-    events: tuple[tuple[str, float], ...] = ()
+    begin: float | None = None  # s from zero to frame 0, of a TRC; None of others
+    group: str = "MOTIVE"  # of a C3D in which that is said
+    events: tuple[tuple[str, float], ...] = ()  # of a `.tsv`, each a name and a frame
 
 
 @dataclass(frozen=True, eq=False)
 class PointFile:
-    """What a file of any format says of its points.
+    """What a file of any format says of its points."""
 
-    labels      P names of the columns that are taken, empty where there is none
-    columns     (P,) their indices among `count`
-    frames      how many, from `first_frame` on, `rate` a second
-    parts       all samples
-    unit, word  the unit and the axis that points up as the file names them; empty where it names none
-    usual       the axis that is up where it names none
-    scale       what their places, and their residuals, are times to be in the file's units
-    notes       what is otherwise than the file says, in sentences
-    trial       for what else it holds
-    """
-
-    labels: Sequence[str]
-    columns: np.ndarray
+    labels: Sequence[str]  # P names of the columns that are taken, empty where there is none
+    columns: np.ndarray  # (P,) their indices among `count`
     count: int
-    frames: int
+    frames: int  # how many, from `first_frame` on, `rate` a second
     rate: float
     first_frame: int
-    parts: Parts
+    parts: Parts  # all samples
+    # the unit and the axis that points up as the file names them; empty where it names none
     unit: str
     word: str = ""
-    usual: str = "+Z"
+    usual: str = "+Z"  # the axis that is up where it names none
+    # what their places, and their residuals, are times to be in the file's units
     scale: tuple[float, float] = (1.0, 1.0)
-    notes: tuple[str, ...] = ()
-    trial: "TrialFile | TextHead | None" = None
+    notes: tuple[str, ...] = ()  # what is otherwise than the file says, in sentences
+    trial: "TrialFile | TextHead | None" = None  # for what else it holds
 
 
 def packed(

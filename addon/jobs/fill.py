@@ -37,28 +37,17 @@ LIST_OF_FILLS = ".filled.csv"
 
 @dataclass(frozen=True)
 class FillJob:
-    """What to fill.
+    """What to fill."""
 
-    source   the labelled take, `.c3d`, `.trc`, `.tsv` or Motive `.csv`
-    out      the `.c3d` to write; beside it go a list of the gaps, LIST_OF_FILLS, and what it was made of, REPORT
-    method   one of FILL_METHODS
-    max_gap  frames of the longest gap to fill, None for any
-    markers  names of those to fill, empty for all
-    model    a built-in model's name or the path of one, whose body may fill gaps; None for none
-    up       the axis that points up in the file, None for what the file says or shows
-    rate     frames a second, for a file that says none
-    plain    write points alone, without what else a C3D file that is read holds
-    """
-
-    source: Path
-    out: Path
-    method: str = "auto"
-    max_gap: int | None = None
-    markers: tuple[str, ...] = ()
-    model: str | None = None
-    up: str | None = None
-    rate: float | None = None
-    plain: bool = False
+    source: Path  # the labelled take, `.c3d`, `.trc`, `.tsv` or Motive `.csv`
+    out: Path  # the `.c3d` to write; beside it go a list of the gaps, LIST_OF_FILLS, and what it was made of, REPORT
+    method: str = "auto"  # one of FILL_METHODS
+    max_gap: int | None = None  # frames of the longest gap to fill, None for any
+    markers: tuple[str, ...] = ()  # names of those to fill, empty for all
+    model: str | None = None  # a built-in model's name or the path of one, whose body may fill gaps; None for none
+    up: str | None = None  # the axis that points up in the file, None for what the file says or shows
+    rate: float | None = None  # frames a second, for a file that says none
+    plain: bool = False  # write points alone, without what else a C3D file that is read holds
     overwrite: bool = False
 
 

@@ -52,65 +52,43 @@ def occlusion_here(wanted: str) -> str:
 
 @dataclass(frozen=True)
 class LabelJob:
-    """What to label and what to make of it.
+    """What to label and what to make of it."""
 
-    source    the file of blobs or 3D points; `out` gets files named after its stem
-    cameras   the calibration, a file or what was read of one; None for points
-    model     a built-in model's name or the path of one; AUTO_MODEL for the known one that the take shows
-    own       the user's folder of models, which are then known too
-    subjects  how many wear the model, AUTO for as many as there are; 1 is who has no name
-    wearers   who wears what, by name: models as above, of whom `model` is the first one's; none without names
-    frames    first and last frame to label, both included, None for the take's own
-    up        the axis that points up in the files that are read, None for what they say or tell
-    mirror    one axis of the 3D points is reversed when they are read, as they are left-handed
-    use       "blobs" or "points": which to label of a capture that holds both; None for its own choice
-    method    how names are found: one of METHODS
-    rate      frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed; of
-              points only for files that say none
-    target    the part of the labels of points that must be right; what is less sure is left unnamed
-    height    the subject's height, m, and facing, rad, where known
-    occlusion one of OCCLUSIONS: what asks whether the body hides a marker of blobs
-    body      meshes of the user's own for that; None for those of the marker set's capsules
-    edits     what a person said of the labels, or the file of it; None for STEM.edits.json beside the take, if there
-    plain     write STEM.c3d of points alone, without what else a C3D file that is read holds
-    trc       write STEM.trc too
-    fill      fill the markers' gaps in STEM.c3d, STEM.trc and, marked as such, STEM.blend; labels never are
-    blend     save STEM.blend too, and STEM.motion.pc2 where the take is too long for keys; needs Blender
-    html      write STEM.report.html too
-    resume    go on with what a run of the same job left, and put its own files in their places again
-    keep      give the labelled chunks back as well: memory then grows with the take
-    force     name markers although something of the take cannot be as it is: see `ForceableError`
-    shown     the take will have keys in a scene that is open, and is refused as soon as they are known to be too many
-    """
-
-    source: Path
-    cameras: Path | Cameras | None
-    model: str
+    source: Path  # the file of blobs or 3D points; `out` gets files named after its stem
+    cameras: Path | Cameras | None  # the calibration, a file or what was read of one; None for points
+    model: str  # a built-in model's name or the path of one; AUTO_MODEL for the known one that the take shows
     out: Path
-    own: Path | None = None
-    subjects: int = 1
+    own: Path | None = None  # the user's folder of models, which are then known too
+    subjects: int = 1  # how many wear the model, AUTO for as many as there are; 1 is who has no name
+    # who wears what, by name: models as above, of whom `model` is the first one's; none without names
     wearers: tuple[tuple[str, str], ...] = ()
+    # first and last frame to label, both included, None for the take's own
     frames: tuple[int | None, int | None] | None = None
-    up: str | None = None
-    mirror: bool = False
-    use: str | None = None
-    method: str = "auto"
+    up: str | None = None  # the axis that points up in the files that are read, None for what they say or tell
+    mirror: bool = False  # one axis of the 3D points is reversed when they are read, as they are left-handed
+    use: str | None = None  # "blobs" or "points": which to label of a capture that holds both; None for its own choice
+    method: str = "auto"  # how names are found: one of METHODS
+    # the part of the labels of points that must be right; what is less sure is left unnamed
     target: float = USUAL_TARGET
+    # frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed; of points only
+    # for files that say none
     rate: float | None = None
-    height: float | None = None
+    height: float | None = None  # the subject's height, m, and facing, rad, where known
     facing: float | None = None
-    occlusion: str = "auto"
-    body: "Occlusion | None" = None
+    occlusion: str = "auto"  # one of OCCLUSIONS: what asks whether the body hides a marker of blobs
+    body: "Occlusion | None" = None  # meshes of the user's own for that; None for those of the marker set's capsules
+    # what a person said of the labels, or the file of it; None for STEM.edits.json beside the take, if there
     edits: Path | Edits | None = None
-    plain: bool = False
-    trc: bool = False
-    fill: bool = False
-    blend: bool = False
-    html: bool = False
+    plain: bool = False  # write STEM.c3d of points alone, without what else a C3D file that is read holds
+    trc: bool = False  # write STEM.trc too
+    fill: bool = False  # fill the markers' gaps in STEM.c3d, STEM.trc and, marked as such, STEM.blend; labels never are
+    blend: bool = False  # save STEM.blend too, and STEM.motion.pc2 where the take is too long for keys; needs Blender
+    html: bool = False  # write STEM.report.html too
     overwrite: bool = False
-    resume: bool = False
-    keep: bool = False
-    force: bool = False
+    resume: bool = False  # go on with what a run of the same job left, and put its own files in their places again
+    keep: bool = False  # give the labelled chunks back as well: memory then grows with the take
+    force: bool = False  # name markers although something of the take cannot be as it is: see `ForceableError`
+    # the take will have keys in a scene that is open, and is refused as soon as they are known to be too many
     shown: bool = False
 
     def doubted(self, check: Callable[[], None]) -> list[str]:
@@ -200,18 +178,13 @@ class LabelJob:
 
 @dataclass(frozen=True, kw_only=True)
 class RoomJob:
-    """What jobs have in common that go from what the cameras of a room saw to a file.
+    """What jobs have in common that go from what the cameras of a room saw to a file."""
 
-    cameras  the calibration, a file or what was read of one
-    out      the file to write
-    frames   first and last frame, both included, None for the source's own
-    up       the axis that points up in the calibration, None for what it says or tells
-    """
-
-    cameras: Path | Cameras
-    out: Path
+    cameras: Path | Cameras  # the calibration, a file or what was read of one
+    out: Path  # the file to write
+    # first and last frame, both included, None for the source's own
     frames: tuple[int | None, int | None] | None = None
-    up: str | None = None
+    up: str | None = None  # the axis that points up in the calibration, None for what it says or tells
     overwrite: bool = False
 
     def opened(self) -> tuple[Cameras, list[Path]]:
@@ -236,22 +209,14 @@ def _whole(model: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """What became of a job.
+    """What became of a job."""
 
-    report  as the file has it
-    worn    whose markers were named: one set, or those that several subjects wear
-    chunks  with `keep` the blobs or points and what was said of them, chunk by chunk
-    edits   those that were applied
-    model   what is worn, as a job has it: the first one's of several
-    lab     events and force plates of the take's file
-    """
-
-    report: dict
-    worn: Worn
-    chunks: Chunks
-    edits: Edits = NO_EDITS
-    model: str = ""
-    lab: LabRecords = NO_LAB
+    report: dict  # as the file has it
+    worn: Worn  # whose markers were named: one set, or those that several subjects wear
+    chunks: Chunks  # with `keep` the blobs or points and what was said of them, chunk by chunk
+    edits: Edits = NO_EDITS  # those that were applied
+    model: str = ""  # what is worn, as a job has it: the first one's of several
+    lab: LabRecords = NO_LAB  # events and force plates of the take's file
 
 
 @contextmanager

@@ -50,28 +50,18 @@ class Beside(Protocol):
 
 @dataclass(frozen=True)
 class LiveJob:
-    """What to name.
+    """What to name."""
 
-    source    the address of a stream
-    model     a built-in model's name or the path of one
-    subjects  how many wear it; of several all markers are called 1:LASI, 2:LASI
-    wearers   who wears what instead, each a name and a model; markers are then called NAME:LASI
-    out       the `.c3d` to write at the end, None for none
-    up        the axis that points up in the sender's world, None for what it says
-    rate      frames a second, None for what the sender says or shows
-    wait      s without a frame after which the stream has ended in trouble
-    anywhere  also a sender outside of this machine's own network
-    """
-
-    source: str
-    model: str
-    out: Path | None = None
-    up: str | None = None
-    rate: float | None = None
-    wait: float = 5.0
-    anywhere: bool = False
+    source: str  # the address of a stream
+    model: str  # a built-in model's name or the path of one
+    out: Path | None = None  # the `.c3d` to write at the end, None for none
+    up: str | None = None  # the axis that points up in the sender's world, None for what it says
+    rate: float | None = None  # frames a second, None for what the sender says or shows
+    wait: float = 5.0  # s without a frame after which the stream has ended in trouble
+    anywhere: bool = False  # also a sender outside of this machine's own network
     overwrite: bool = False
-    subjects: int = 1
+    subjects: int = 1  # how many wear it; of several all markers are called 1:LASI, 2:LASI
+    # who wears what instead, each a name and a model; markers are then called NAME:LASI
     wearers: tuple[tuple[str, str], ...] = ()
 
     @property

@@ -61,18 +61,13 @@ def known_bodies() -> list[MarkerSet]:
 
 @dataclass(frozen=True)
 class VersionPlaces:
-    """Where the versions of a model lie.
+    """Where the versions of a model lie."""
 
-    out        the model
-    former     where the version that `out` holds goes when another takes its place; None where it holds none
-    candidate  where the new one goes as long as it is doubted
-    digest     of what `out` held; empty where there was nothing
-    """
-
-    out: Path
+    out: Path  # the model
+    # where the version that `out` holds goes when another takes its place; None where it holds none
     former: Path | None
-    candidate: Path
-    digest: str = ""
+    candidate: Path  # where the new one goes as long as it is doubted
+    digest: str = ""  # of what `out` held; empty where there was nothing
 
     @classmethod
     def of(cls, out: Path, version: int) -> "VersionPlaces":

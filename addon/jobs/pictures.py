@@ -35,13 +35,11 @@ SAME_SIZE_PX = 0.6  # how far a picture's sides may be from the calibration's, p
 
 @dataclass(frozen=True, kw_only=True)
 class PicturesJob(RoomJob):
-    """Which pictures to make a file of blobs of.
+    """Which pictures to make a file of blobs of."""
 
-    pictures     a movie, a folder of numbered pictures or one of these for each camera, by the camera's name
-    first_pixel  where (0, 0) of the calibration's pixels is, CENTRE or CORNER of the first; None for what its kind says
-    """
-
+    # a movie, a folder of numbered pictures or one of these for each camera, by the camera's name
     pictures: Mapping[str, Path]
+    # where (0, 0) of the calibration's pixels is, CENTRE or CORNER of the first; None for what its kind says
     first_pixel: str | None = None
     spots: SpotOptions = field(default_factory=SpotOptions)
 

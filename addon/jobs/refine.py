@@ -26,17 +26,12 @@ READ = 0.1  # of the work, in its progress
 
 @dataclass(frozen=True, kw_only=True)
 class RefineJob(RoomJob):
-    """What to refine; `out` is the `.toml` to write, and `frames` are what to go by.
+    """What to refine; `out` is the `.toml` to write, and `frames` are what to go by."""
 
-    source      the blob file
-    model       a built-in model's name or the path of one
-    rate        frames a second, None where nobody knows
-    if_refined  write nothing where there is nothing to refine; else the cameras are written as they were
-    """
-
-    source: Path
-    model: str
-    rate: float | None = None
+    source: Path  # the blob file
+    model: str  # a built-in model's name or the path of one
+    rate: float | None = None  # frames a second, None where nobody knows
+    # write nothing where there is nothing to refine; else the cameras are written as they were
     if_refined: bool = False
 
 

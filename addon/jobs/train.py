@@ -38,68 +38,47 @@ CHECK_FROM = 0.75  # of the work where a model is trained on, when what got wors
 
 @dataclass(frozen=True)
 class TrainJob:
-    """What to train.
+    """What to train."""
 
-    takes     files of labelled points; none to give `base` its partial solvers and leave all else as it is
-    layout    a marker set in words, or the name of a published one, to learn from instead of takes; None for takes
-    out       the model's file
-    markers   their names, None for those that all takes have
-    name      the model's, None for that of `base`, or of the file
-    hit_rate  asked of the ensemble's partial solvers, None for the usual one
-    search    how those are found, "none" for no ensemble; None to find them at once only where something else is asked
-              of them or the model keeps nothing to find them in later
-    paper     give them the paper's four functions only, none of which distinguishes left from right
-    subjects  (id, glob) pairs that say whose takes are whose
-    base      a model to train on, with what it keeps of its own takes; None for a new one
-    keep      keep frames of the takes in the model, so that it can be trained on
-    report    a file for what the training has to say, None for none
-    known     of takes by their path, what is known better than from the file
-    shown     labelled takes that are at hand, beside those of the files
-    body      a marker set whose body may be that of the takes, beside the built-in ones; None for no other
-    kept      labelled takes that the model is checked on whenever it is trained on, beside those that it knows already
-    by        who teaches it, for its history; empty where nobody knows
-    force     learn from takes although something of them cannot be as it is
-    adopt     take the model although something got worse
-    """
-
+    # files of labelled points; none to give `base` its partial solvers and leave all else as it is
     takes: tuple[Path, ...]
-    out: Path
+    out: Path  # the model's file
+    # a marker set in words, or the name of a published one, to learn from instead of takes; None for takes
     layout: str | None = None
-    markers: tuple[str, ...] | None = None
-    name: str | None = None
-    hit_rate: float | None = None
+    markers: tuple[str, ...] | None = None  # their names, None for those that all takes have
+    name: str | None = None  # the model's, None for that of `base`, or of the file
+    hit_rate: float | None = None  # asked of the ensemble's partial solvers, None for the usual one
+    # how those are found, "none" for no ensemble; None to find them at once only where something else is asked of them
+    # or the model keeps nothing to find them in later
     search: str | None = None
-    paper: bool = False
-    subjects: tuple[tuple[str, str], ...] = ()
-    base: str | None = None
-    keep: bool = True
-    report: Path | None = None
+    paper: bool = False  # give them the paper's four functions only, none of which distinguishes left from right
+    subjects: tuple[tuple[str, str], ...] = ()  # (id, glob) pairs that say whose takes are whose
+    base: str | None = None  # a model to train on, with what it keeps of its own takes; None for a new one
+    keep: bool = True  # keep frames of the takes in the model, so that it can be trained on
+    report: Path | None = None  # a file for what the training has to say, None for none
     overwrite: bool = False
+    # of takes by their path, what is known better than from the file
     known: Mapping[Path, KnownBetter] = field(default_factory=dict)
-    shown: tuple[TakeFile, ...] = ()
+    shown: tuple[TakeFile, ...] = ()  # labelled takes that are at hand, beside those of the files
+    # a marker set whose body may be that of the takes, beside the built-in ones; None for no other
     body: str | None = None
+    # labelled takes that the model is checked on whenever it is trained on, beside those that it knows already
     kept: tuple[Path, ...] = ()
-    by: str = ""
-    adopt: bool = False
-    force: bool = False
+    by: str = ""  # who teaches it, for its history; empty where nobody knows
+    adopt: bool = False  # take the model although something got worse
+    force: bool = False  # learn from takes although something of them cannot be as it is
 
 
 @dataclass(frozen=True, eq=False)
 class _Taught:
-    """What a training made.
+    """What a training made."""
 
-    model   the new one, without its history
-    base    the one before; None for a new one
-    takes   what it was taught, each with the digest of its file, which is empty for one of no file
-    report  what people read of it
-    check   how takes are named by both models; None where there is nothing to compare
-    """
-
-    model: Model
-    base: Model | None
+    model: Model  # the new one, without its history
+    base: Model | None  # the one before; None for a new one
+    # what it was taught, each with the digest of its file, which is empty for one of no file
     takes: tuple[tuple[TakeFile, str], ...]
-    report: dict
-    check: Comparison | None = None
+    report: dict  # what people read of it
+    check: Comparison | None = None  # how takes are named by both models; None where there is nothing to compare
 
 
 def train_file(job: TrainJob, try_all: Trying = in_turn) -> Generator[Progress, None, dict]:

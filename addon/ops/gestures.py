@@ -8,22 +8,14 @@ import bpy
 
 @dataclass
 class Gesture:
-    """One at a time, in one region; pixels are the region's.
+    """One at a time, in one region; pixels are the region's."""
 
-    region   which region, by its pointer; 0 for none
-    outline  corners of the box or the lasso that is drawn
-    mouse    where the pointer is
-    words    what is asked beside it
-    marker   the index of the marker that it is asked of, None for none
-    place    x y z in m where the marker would be put, None for nowhere
-    """
-
-    region: int = 0
-    outline: list[tuple[float, float]] = field(default_factory=list)
-    mouse: tuple[float, float] = (0.0, 0.0)
-    words: str = ""
-    marker: int | None = None
-    place: tuple[float, float, float] | None = None
+    region: int = 0  # which region, by its pointer; 0 for none
+    outline: list[tuple[float, float]] = field(default_factory=list)  # corners of the box or the lasso that is drawn
+    mouse: tuple[float, float] = (0.0, 0.0)  # where the pointer is
+    words: str = ""  # what is asked beside it
+    marker: int | None = None  # the index of the marker that it is asked of, None for none
+    place: tuple[float, float, float] | None = None  # x y z in m where the marker would be put, None for nowhere
 
     def clear(self):
         self.region, self.outline, self.words, self.marker, self.place = 0, [], "", None, None

@@ -41,16 +41,13 @@ WORDS_EVERY = 0.25  # s between two states in the sidebar
 
 @dataclass(frozen=True, eq=False)
 class LiveBody:
-    """Who is posed on the latest frame.
+    """Who is posed on the latest frame."""
 
-    begins, ends  (J, 3) m of the bones at rest
-    scale         (3,) m, which is of one subject
-    joints, rotations  (J, 3) m and (J, 3, 3) of the segments
-    """
-
+    # (J, 3) m of the bones at rest
     begins: np.ndarray
     ends: np.ndarray
-    scale: np.ndarray
+    scale: np.ndarray  # (3,) m, which is of one subject
+    # (J, 3) m and (J, 3, 3) of the segments
     joints: np.ndarray
     rotations: np.ndarray
 

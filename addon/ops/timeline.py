@@ -40,16 +40,11 @@ def shown_runs(context: bpy.types.Context) -> Runs:
 
 @dataclass(frozen=True)
 class RowPlaces:
-    """Where rows are in a region of the editor, px of the region from its lower left corner.
+    """Where rows are in a region of the editor, px of the region from its lower left corner."""
 
-    height  of the region
-    scale   px for one of the interface
-    scroll  rows above the first that is seen
-    """
-
-    height: float
-    scale: float
-    scroll: float
+    height: float  # of the region
+    scale: float  # px for one of the interface
+    scroll: float  # rows above the first that is seen
 
     @classmethod
     def of(cls, context: bpy.types.Context, region: bpy.types.Region, rows: int) -> "RowPlaces":

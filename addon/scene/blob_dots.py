@@ -49,15 +49,11 @@ def marker_dots(stored: Stored, index: int) -> Dots:
 
 @dataclass(frozen=True, eq=False)
 class FrameRays:
-    """Where the rays of one frame's blobs meet, whatever they are called.
+    """Where the rays of one frame's blobs meet, whatever they are called."""
 
-    points  (P, 3) m
-    ends    (R, 2, 3) m, of each ray that makes a point: its camera and the point
-    loose   (K, 2, 3) m, of each ray that makes none: its camera, and as far away as the points are in the median
-    """
-
-    points: np.ndarray
-    ends: np.ndarray
+    points: np.ndarray  # (P, 3) m
+    ends: np.ndarray  # (R, 2, 3) m, of each ray that makes a point: its camera and the point
+    # (K, 2, 3) m, of each ray that makes none: its camera, and as far away as the points are in the median
     loose: np.ndarray
 
     @classmethod

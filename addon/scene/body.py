@@ -20,16 +20,11 @@ START, END, RADIUS = "mocap_start", "mocap_end", "mocap_radius"
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """One capsule in metres.
+    """One capsule in metres."""
 
-    place   (4, 4) where its own axes sit in its segment, from the joint: its middle, z along it
-    half    half the length between its ends
-    radius  around the line between them
-    """
-
-    place: np.ndarray
-    half: float
-    radius: float
+    place: np.ndarray  # (4, 4) where its own axes sit in its segment, from the joint: its middle, z along it
+    half: float  # half the length between its ends
+    radius: float  # around the line between them
 
     @classmethod
     def of(cls, markerset: MarkerSet, index: int, scale: np.ndarray) -> "Capsule":

@@ -23,24 +23,15 @@ NOT_ASIDE = 1e-9  # m; a limb that never bends has no way to bend to
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """What goes along with bones that are moved by FK: a control by IK, or a loose bone with what it is loose from.
+    """What goes along with bones that are moved by FK: a control by IK, or a loose bone with what it is loose from."""
 
-    bone      its name
-    limb      indices of the bones that it goes with: an end's one, of a pole those of its limb
-    carrier   and of what carries where it is, -1 for nothing
-    turner    and of what it turns with, -1 for nothing
-    mode      how it turns
-    matrix    (4, 4) where it is at rest
-    steps     (3, 3) how far it goes for a unit of each of its location's channels
-    """
-
-    bone: str
-    limb: tuple[int, ...]
-    carrier: int
-    turner: int
-    mode: str
-    matrix: np.ndarray
-    steps: np.ndarray
+    bone: str  # its name
+    limb: tuple[int, ...]  # indices of the bones that it goes with: an end's one, of a pole those of its limb
+    carrier: int  # and of what carries where it is, -1 for nothing
+    turner: int  # and of what it turns with, -1 for nothing
+    mode: str  # how it turns
+    matrix: np.ndarray  # (4, 4) where it is at rest
+    steps: np.ndarray  # (3, 3) how far it goes for a unit of each of its location's channels
 
     def channels(self, heads: np.ndarray, turns: np.ndarray, rest: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
         """What moves it, by where bones begin (F, C, 3), and at rest (C, 3), and their turns (F, C, 3, 3)."""

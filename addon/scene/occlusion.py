@@ -43,42 +43,32 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """A mesh fixed to segment `segment`, in its axes from its joint, m, and a capsule around it for quick answers.
-
-    start, axis  (3,) m, the line in the middle of that capsule; radius m
-    skin         of a piece of a mesh, the mesh that it was cut from
-    """
+    """A mesh fixed to segment `segment`, in its axes from its joint, m, and a capsule around it for quick answers."""
 
     segment: int
     mesh: Mesh
+    # (3,) m, the line in the middle of that capsule; radius m
     start: np.ndarray
     axis: np.ndarray
     radius: float
-    skin: "Skin | None" = None
+    skin: "Skin | None" = None  # of a piece of a mesh, the mesh that it was cut from
 
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A whole mesh at rest, around a piece of it.
-
-    joint  (3,) m where the piece's own axes start in those of the mesh
-    rim    (T,) True for the piece's triangles that touch a cut
-    """
+    """A whole mesh at rest, around a piece of it."""
 
     mesh: Mesh
-    joint: np.ndarray
-    rim: np.ndarray
+    joint: np.ndarray  # (3,) m where the piece's own axes start in those of the mesh
+    rim: np.ndarray  # (T,) True for the piece's triangles that touch a cut
 
 
 @dataclass(eq=False)
 class MeshOcclusion:
-    """Meshes on a skeleton as the volume in the way: an `addon.core.papers.virtual_occlusions.occlusion.Occlusion`.
+    """Meshes on a skeleton as the volume in the way: an `addon.core.papers.virtual_occlusions.occlusion.Occlusion`."""
 
-    volumes  the meshes, each in its segment's own axes: rays are brought there
-    scale    (3,) m for one unit of the marker set, of the body that the meshes were made for; other bodies stretch them
-    """
-
-    volumes: list[Volume]
+    volumes: list[Volume]  # the meshes, each in its segment's own axes: rays are brought there
+    # (3,) m for one unit of the marker set, of the body that the meshes were made for; other bodies stretch them
     scale: np.ndarray
 
     def __post_init__(self):

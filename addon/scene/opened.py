@@ -24,28 +24,25 @@ from .timing import SHIFT, kept_clock
 
 @dataclass
 class Opened:
-    """What is at hand, by the session's own number of the datablock that holds it: of a take the table of its rows.
+    """What is at hand, by the session's own number of the datablock that holds it: of a take the table of its rows."""
 
-    stored  takes as the program labelled them, and what waits to be labelled
-    bodies  which poses those have: others, after an undo as well, are other poses
-    edited  takes with their edits, beside the text of these and the take without: another text, after an undo as well,
-            is another take
-    final   takes with their fills, and smoothed, beside the text and cut-off of these and the take that they are in
-    filling  what puts the fills of each take in, beside their text
-    following  what works the edits of each take out
-    trajectories  rows of trajectories that were asked for, beside those of the whole take
-    proposed  the fills of each take that are looked at before they are kept
-    looked_at  what was worked out of the take that was asked for last, which is the first of it, by what it is
-    """
-
+    # takes as the program labelled them, and what waits to be labelled
     stored: dict[int, Stored] = field(default_factory=dict)
+    # which poses those have: others, after an undo as well, are other poses
     bodies: dict[int, str] = field(default_factory=dict)
+    # takes with their edits, beside the text of these and the take without: another text, after an undo as well, is
+    # another take
     edited: dict[int, tuple[str, Stored, Stored]] = field(default_factory=dict)
+    # takes with their fills, and smoothed, beside the text and cut-off of these and the take that they are in
     final: dict[int, tuple[tuple[str | None, float | None], Stored, Stored]] = field(default_factory=dict)
+    # what puts the fills of each take in, beside their text
     filling: dict[int, tuple[str | None, FillsInTake]] = field(default_factory=dict)
-    following: dict[int, Correcting] = field(default_factory=dict)
+    following: dict[int, Correcting] = field(default_factory=dict)  # what works the edits of each take out
+    # rows of trajectories that were asked for, beside those of the whole take
     trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
+    # the fills of each take that are looked at before they are kept
     proposed: dict[int, tuple[KeptFill, ...]] = field(default_factory=dict)
+    # what was worked out of the take that was asked for last, which is the first of it, by what it is
     looked_at: dict[str, tuple[Stored | None, Any]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits | None = None) -> Stored:

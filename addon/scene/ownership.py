@@ -108,14 +108,10 @@ def made_collection(take: bpy.types.Collection, parent: bpy.types.Collection, na
 
 @dataclass(frozen=True)
 class Former:
-    """What was made for a take and goes.
+    """What was made for a take and goes."""
 
-    items    by what they are in the take
-    hanging  what of a person's hangs on them, and where in the world that was
-    """
-
-    items: dict[str, bpy.types.Object]
-    hanging: list[tuple[bpy.types.Object, Matrix]]
+    items: dict[str, bpy.types.Object]  # by what they are in the take
+    hanging: list[tuple[bpy.types.Object, Matrix]]  # what of a person's hangs on them, and where in the world that was
 
 
 def former_of(items: Iterable[bpy.types.Object]) -> Former:

@@ -33,20 +33,13 @@ Colour = tuple[float, float, float]  # sRGB
 
 @dataclass(frozen=True)
 class Performer:
-    """One of a take's performers.
+    """One of a take's performers."""
 
-    name     by which their markers are called NAME:MARKER; empty for the only one of a take
-    model    the name of the marker set
-    number   how many are before
-    markers  the first of their markers among all of the take, and how many there are
-    joints   the same of the skeleton's joints
-    """
-
-    name: str
-    model: str
-    number: int
-    markers: tuple[int, int]
-    joints: tuple[int, int]
+    name: str  # by which their markers are called NAME:MARKER; empty for the only one of a take
+    model: str  # the name of the marker set
+    number: int  # how many are before
+    markers: tuple[int, int]  # the first of their markers among all of the take, and how many there are
+    joints: tuple[int, int]  # the same of the skeleton's joints
 
     @property
     def marker_rows(self) -> slice:

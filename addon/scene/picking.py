@@ -15,16 +15,11 @@ MIN_DEPTH = 1e-6  # of homogeneous coordinates: what is nearer lies behind the v
 
 @dataclass(frozen=True, eq=False)
 class Dots:
-    """The K dots of one frame of a take of points: its points, and the markers that a person placed.
+    """The K dots of one frame of a take of points: its points, and the markers that a person placed."""
 
-    trajectory  (K,) the number of each point's trajectory, NO_POINT for a marker that was placed
-    marker      (K,) which marker it is, NO_MARKER where it has no name
-    xyz         (K, 3) m
-    """
-
-    trajectory: np.ndarray
-    marker: np.ndarray
-    xyz: np.ndarray
+    trajectory: np.ndarray  # (K,) the number of each point's trajectory, NO_POINT for a marker that was placed
+    marker: np.ndarray  # (K,) which marker it is, NO_MARKER where it has no name
+    xyz: np.ndarray  # (K, 3) m
 
     def __len__(self) -> int:
         return len(self.marker)

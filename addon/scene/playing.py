@@ -49,23 +49,17 @@ MOST_SUSPECTS = 1000  # that the Blender file keeps, the longest; the report has
 class Playing:
     """A long take as it comes from the labelling.
 
-    name      what to call it
-    rate      frames a second
-    worn      whose markers were named
-    markers   gives the places (n, M, 3) m of a slice of frames, NaN where there are none
-    poses     the poses of all frames, as `io.poses.PoseFile` has them
-    suspects  ranges of frames to look at
-    source    the file of the take, empty if there is none
     for_a_part what labels a part of it as all of it was labelled, as a job says it
     """
 
-    name: str
-    rate: float
-    worn: Worn
+    name: str  # what to call it
+    rate: float  # frames a second
+    worn: Worn  # whose markers were named
+    # gives the places (n, M, 3) m of a slice of frames, NaN where there are none
     markers: Callable[[slice], np.ndarray]
-    poses: "PoseFile"
-    suspects: Sequence[Suspect]
-    source: str
+    poses: "PoseFile"  # the poses of all frames, as `io.poses.PoseFile` has them
+    suspects: Sequence[Suspect]  # ranges of frames to look at
+    source: str  # the file of the take, empty if there is none
     for_a_part: dict
 
 

@@ -225,20 +225,13 @@ def pose_bones(rig: bpy.types.Object, channels: Mapping[str, Sequence]):
 
 @dataclass(frozen=True)
 class KeptPose:
-    """What bones of a rig had before it was readied.
+    """What bones of a rig had before it was readied."""
 
-    channels  of each of the bones, the values of `BONE_CHANNELS`
-    switched  bones with the paths of what is switched, what to, and from what
-    former    what is as it is switched already was before, by its path
-    strips    whether an action takes the place of what strips pose
-    shown     its pose position
-    """
-
-    channels: dict[str, list]
-    switched: list[tuple[str, str, float, float]]
-    former: dict[str, float]
-    strips: bool
-    shown: str
+    channels: dict[str, list]  # of each of the bones, the values of `BONE_CHANNELS`
+    switched: list[tuple[str, str, float, float]]  # bones with the paths of what is switched, what to, and from what
+    former: dict[str, float]  # what is as it is switched already was before, by its path
+    strips: bool  # whether an action takes the place of what strips pose
+    shown: str  # its pose position
 
     @classmethod
     def of(cls, rig: bpy.types.Object, names: Iterable[str], turned: Sequence[str]) -> "KeptPose":
@@ -297,34 +290,20 @@ class KeptPose:
 
 @dataclass(frozen=True, eq=False)
 class ReadyRig:
-    """A rig that was asked how it moves.
+    """A rig that was asked how it moves."""
 
-    bones     the names of its C bones that move, and
-    modes     how each of them and of `resting` turns
-    mover     the name of the one whose location moves all: the first, or what that is connected to
-    resting   the names of those that stay as at rest, because they would turn or move the others
-    rest      what they are, and where, in the axes of a character
-    turners   (C,) index of the one that each turns with, -1 for none of them
-    place     (4, 4) where it stands
-    axes      (3, 3) of a character in its own, and
-    matrices  (C, 4, 4) its bones at rest in its own
-    steps     (3, 3) how far the first one goes there for a unit of each channel of the mover's location
-    along     the controls by IK that go along, and those of its bones that nothing carries
-    before    what those bones had
-    """
-
-    bones: tuple[str, ...]
-    modes: dict[str, str]
-    mover: str
-    resting: list[str]
-    rest: Rig
-    turners: np.ndarray
-    place: np.ndarray
-    axes: np.ndarray
-    matrices: np.ndarray
-    steps: np.ndarray
-    along: list[Along]
-    before: KeptPose
+    bones: tuple[str, ...]  # the names of its C bones that move, and
+    modes: dict[str, str]  # how each of them and of `resting` turns
+    mover: str  # the name of the one whose location moves all: the first, or what that is connected to
+    resting: list[str]  # the names of those that stay as at rest, because they would turn or move the others
+    rest: Rig  # what they are, and where, in the axes of a character
+    turners: np.ndarray  # (C,) index of the one that each turns with, -1 for none of them
+    place: np.ndarray  # (4, 4) where it stands
+    axes: np.ndarray  # (3, 3) of a character in its own, and
+    matrices: np.ndarray  # (C, 4, 4) its bones at rest in its own
+    steps: np.ndarray  # (3, 3) how far the first one goes there for a unit of each channel of the mover's location
+    along: list[Along]  # the controls by IK that go along, and those of its bones that nothing carries
+    before: KeptPose  # what those bones had
 
     @classmethod
     def of(cls, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray) -> "ReadyRig":

@@ -22,24 +22,7 @@ MIXING = np.uint64(0x9E3779B97F4A7C15)  # format: odd, its bits as if by lot; by
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """What the file keeps of a take: as `Take`, with the names of the markers for the marker set.
-
-    clock     which of Blender's frames those of the take are
-    words     index of each marker by its name, aliases too
-    edits     what a person said of the labels, which these follow
-    outcomes  what became of each edit
-    model     the name of the marker set, or those of several
-    performers  who is in the take
-    parents   of each joint of the skeleton, -1 for the root; none where the file does not keep them
-    segments  the names of what turns about these joints; none where the file does not keep them
-    fills     gaps that were filled; `motion` has those that go with it
-    unfit     why each fill does not go with the take as it is now, "" where it does
-    measured  the motion without fills and not smoothed; None where that is `motion`
-    cutoff    Hz, by which `motion` is smoothed; None where it is not
-    placed    index of the frame and marker of each that a person placed
-    held      which rows are the markers by the edits, for telling what one more of them changes
-    posed_on  (F,) the digests of the labels that the body was posed on; None where there is no body
-    """
+    """What the file keeps of a take: as `Take`, with the names of the markers for the marker set."""
 
     name: str
     rate: float
@@ -50,18 +33,19 @@ class Stored:
     motion: Motion
     suspects: tuple[Suspect, ...]
     source: str
-    clock: TakeClock
-    words: Mapping[str, int] = field(default_factory=dict)
-    edits: Edits = NO_EDITS
-    outcomes: tuple[EditOutcome, ...] = ()
-    model: str = ""
-    performers: tuple[Performer, ...] = ()
+    clock: TakeClock  # which of Blender's frames those of the take are
+    words: Mapping[str, int] = field(default_factory=dict)  # index of each marker by its name, aliases too
+    edits: Edits = NO_EDITS  # what a person said of the labels, which these follow
+    outcomes: tuple[EditOutcome, ...] = ()  # what became of each edit
+    model: str = ""  # the name of the marker set, or those of several
+    performers: tuple[Performer, ...] = ()  # who is in the take
+    # of each joint of the skeleton, -1 for the root; none where the file does not keep them
     parents: tuple[int, ...] = ()
-    segments: tuple[str, ...] = ()
-    fills: tuple[KeptFill, ...] = ()
-    unfit: tuple[str, ...] = ()
-    measured: Motion | None = None
-    cutoff: float | None = None
+    segments: tuple[str, ...] = ()  # the names of what turns about these joints; none where the file does not keep them
+    fills: tuple[KeptFill, ...] = ()  # gaps that were filled; `motion` has those that go with it
+    unfit: tuple[str, ...] = ()  # why each fill does not go with the take as it is now, "" where it does
+    measured: Motion | None = None  # the motion without fills and not smoothed; None where that is `motion`
+    cutoff: float | None = None  # Hz, by which `motion` is smoothed; None where it is not
 
     @property
     def unfilled(self) -> Motion:
@@ -81,8 +65,9 @@ class Stored:
         flags = filled_samples(self.motion.frames, names, fills)
         return {self.names.index(name): column for name, column in zip(names, flags.T, strict=True)}
 
-    placed: tuple[tuple[int, int], ...] = ()
-    held: Held | None = None
+    placed: tuple[tuple[int, int], ...] = ()  # index of the frame and marker of each that a person placed
+    held: Held | None = None  # which rows are the markers by the edits, for telling what one more of them changes
+    # (F,) the digests of the labels that the body was posed on; None where there is no body
     posed_on: np.ndarray | None = None
 
     @cached_property

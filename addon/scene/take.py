@@ -50,45 +50,30 @@ TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """Everything about one labelled take of F frames and N blobs, or N points without cameras.
+    """Everything about one labelled take of F frames and N blobs, or N points without cameras."""
 
-    name       what to call it
-    rate       frames a second
-    cameras    that saw it; none where the take came as points
-    markerset  whose markers were named: one set, or those that several subjects wear
-    rows       all N blobs or points of the take, in the order of their file
-    labels     row for row with `rows`
-    motion     frame for frame with `rows.frames`
-    suspects   ranges of frames to look at
-    source     the file of the take, empty if there is none
-    doubts     what is odd about its cameras, a sentence each; None where nobody looked
-    edits      what a person said of the rows, which the labels follow; None where nobody said anything
-    unedited   the program's own labels, of which the edits give these; None where they are these
-    fills      gaps that were filled, which `motion` has not
-    cutoff     Hz, by which the markers are shown smoothed, which `motion` is not; None for as they are
-    colours    of performers by their names; a usual one for who has none
-    old_body   frames, by the source's numbers, whose body was posed on other labels
-    lab        events and force plates of its file
-    clock      from which of Blender's frames on it plays; None for its own where Blender can count so
-    """
-
-    name: str
-    rate: float
-    cameras: Cameras
-    markerset: Worn
-    rows: Blobs | PointRows
-    labels: Labels
-    motion: Motion
-    suspects: tuple[Suspect, ...] = ()
-    source: str = ""
-    doubts: tuple[str, ...] | None = None
+    name: str  # what to call it
+    rate: float  # frames a second
+    cameras: Cameras  # that saw it; none where the take came as points
+    markerset: Worn  # whose markers were named: one set, or those that several subjects wear
+    rows: Blobs | PointRows  # all N blobs or points of the take, in the order of their file
+    labels: Labels  # row for row with `rows`
+    motion: Motion  # frame for frame with `rows.frames`
+    suspects: tuple[Suspect, ...] = ()  # ranges of frames to look at
+    source: str = ""  # the file of the take, empty if there is none
+    doubts: tuple[str, ...] | None = None  # what is odd about its cameras, a sentence each; None where nobody looked
+    # what a person said of the rows, which the labels follow; None where nobody said anything
     edits: Edits | None = None
-    unedited: Labels | None = None
-    fills: tuple[KeptFill, ...] = ()
+    unedited: Labels | None = None  # the program's own labels, of which the edits give these; None where they are these
+    fills: tuple[KeptFill, ...] = ()  # gaps that were filled, which `motion` has not
+    # Hz, by which the markers are shown smoothed, which `motion` is not; None for as they are
     cutoff: float | None = None
+    # of performers by their names; a usual one for who has none
     colours: Mapping[str, Colour] = field(default_factory=dict)
+    # frames, by the source's numbers, whose body was posed on other labels
     old_body: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
-    lab: LabRecords = NO_LAB
+    lab: LabRecords = NO_LAB  # events and force plates of its file
+    # from which of Blender's frames on it plays; None for its own where Blender can count so
     clock: TakeClock | None = None
 
     @classmethod

@@ -25,24 +25,15 @@ MIN_OWN_ROW_S = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Stretches of R rows over the frames of the source: first the markers, then trajectories, long ones first.
+    """Stretches of R rows over the frames of the source: first the markers, then trajectories, long ones first."""
 
-    names       of the rows
-    marker      (R,) index of the row's marker, NO_MARKER for others
-    trajectory  (R,) the number of the row's trajectory, -1 for markers and for the row of all short ones
-    found       (R,) frames with a point, filled ones not counted
-    runs        (N, 4) row, first frame, last frame and one of STATES
-    span        first and last frame of the take
-    clock       which of Blender's frames they are
-    """
-
-    names: tuple[str, ...]
-    marker: np.ndarray
-    trajectory: np.ndarray
-    found: np.ndarray
-    runs: np.ndarray
-    span: tuple[int, int]
-    clock: TakeClock
+    names: tuple[str, ...]  # of the rows
+    marker: np.ndarray  # (R,) index of the row's marker, NO_MARKER for others
+    trajectory: np.ndarray  # (R,) the number of the row's trajectory, -1 for markers and for the row of all short ones
+    found: np.ndarray  # (R,) frames with a point, filled ones not counted
+    runs: np.ndarray  # (N, 4) row, first frame, last frame and one of STATES
+    span: tuple[int, int]  # first and last frame of the take
+    clock: TakeClock  # which of Blender's frames they are
 
     def __len__(self) -> int:
         return len(self.names)
@@ -58,24 +49,17 @@ class Runs:
 
 @dataclass(eq=False)
 class KeptRows:
-    """The rows of the take that was asked for last: of one that was edited since, only what changed is made again.
+    """The rows of the take that was asked for last: of one that was edited since, only what changed is made again."""
 
-    stored    that take
-    states    (M, F) of its markers
-    markers   (N, 4) stretches of each of its markers, frames by their index, and
-    found     frames in which each has a point, filled ones not counted
-    unfolded  whether short trajectories have rows of their own, and
-    points    the names, numbers, frames with a point and stretches of trajectories
-    made      what came of it
-    """
-
-    stored: Stored | None = None
-    states: np.ndarray = field(default_factory=lambda: np.empty((0, 0), np.int8))
+    stored: Stored | None = None  # that take
+    states: np.ndarray = field(default_factory=lambda: np.empty((0, 0), np.int8))  # (M, F) of its markers
+    # (N, 4) stretches of each of its markers, frames by their index, and
     markers: list[np.ndarray] = field(default_factory=list)
-    found: list[int] = field(default_factory=list)
-    unfolded: bool = False
+    found: list[int] = field(default_factory=list)  # frames in which each has a point, filled ones not counted
+    unfolded: bool = False  # whether short trajectories have rows of their own, and
+    # the names, numbers, frames with a point and stretches of trajectories
     points: tuple[list[str], list[int], list[int], list[np.ndarray]] = ([], [], [], [])
-    made: Runs | None = None
+    made: Runs | None = None  # what came of it
 
     def runs(self, stored: Stored, unfolded: bool) -> Runs:
         """The rows of a take, the same ones as long as it is the same."""

@@ -38,20 +38,13 @@ def links(stored: Stored, index: int, blobs: Dots) -> tuple[np.ndarray, np.ndarr
 
 @dataclass(frozen=True, eq=False)
 class PointMarks:
-    """One frame of a take without cameras, and of any take seen from anywhere.
+    """One frame of a take without cameras, and of any take seen from anywhere."""
 
-    named     (M, 3) m the markers that were found; NaN where one was not
-    doubtful  (M,) True for those that a person should look at
-    unnamed   (N, 3) m the points without a name
-    filled    (M,) True for those that were filled, and so not measured
-    asked     {index into `unnamed`: what it is called in the review}, for those that may be markers
-    """
-
-    named: np.ndarray
-    doubtful: np.ndarray
-    unnamed: np.ndarray
-    filled: np.ndarray
-    asked: dict[int, str]
+    named: np.ndarray  # (M, 3) m the markers that were found; NaN where one was not
+    doubtful: np.ndarray  # (M,) True for those that a person should look at
+    unnamed: np.ndarray  # (N, 3) m the points without a name
+    filled: np.ndarray  # (M,) True for those that were filled, and so not measured
+    asked: dict[int, str]  # {index into `unnamed`: what it is called in the review}, for those that may be markers
 
 
 def point_marks(stored: Stored, index: int) -> PointMarks:

@@ -5,7 +5,8 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
+from inspect import get_annotations
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -23,29 +24,34 @@ def _number(value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def _kind(held) -> type:
+    """The class that says which numbers there are: constants that stand together are one, others its instance."""
+    return held if isinstance(held, type) else type(held)
+
+
 def numbers() -> dict[str, tuple[object, str, int | None]]:
-    """Every number in an options object of naming, by where it stands: who holds it, in which field, at which place."""
+    """Every number among the constants of naming, by where it stands: who holds it, in which field, at which place."""
     found, seen = {}, set()
     for module in _modules():
         for name, held in vars(module).items():
-            if name.isupper() and is_dataclass(held) and id(held) not in seen:
+            if name.isupper() and (isinstance(held, type) or is_dataclass(held)) and id(held) not in seen:
                 seen.add(id(held))
-                where = f"{type(held).__module__.partition('.core.')[2]}.{name}"
+                where = f"{_kind(held).__module__.partition('.core.')[2]}.{name}"
                 found.update(_numbers_of(where, held))
     return found
 
 
 def _numbers_of(where: str, held) -> Iterator[tuple[str, tuple[object, str, int | None]]]:
-    for field in fields(held):
-        value = getattr(held, field.name)
+    for field in get_annotations(_kind(held)):
+        value = getattr(held, field)
         if _number(value):
-            yield f"{where}.{field.name}", (held, field.name, None)
+            yield f"{where}.{field}", (held, field, None)
         elif isinstance(value, tuple):
             for place, part in enumerate(value):
                 if _number(part):
-                    yield f"{where}.{field.name}[{place}]", (held, field.name, place)
+                    yield f"{where}.{field}[{place}]", (held, field, place)
                 elif is_dataclass(part):
-                    yield from _numbers_of(f"{where}.{field.name}[{place}]", part)
+                    yield from _numbers_of(f"{where}.{field}[{place}]", part)
 
 
 def _modules():
@@ -65,11 +71,12 @@ def varied(name: str, factor: float):
     if isinstance(old, int):
         new = round(new) if round(new) != old else old + (1 if factor > 1 else -1)
     after = new if place is None else (*before[:place], new, *before[place + 1 :])
-    object.__setattr__(holder, field, after)
+    setting = type.__setattr__ if isinstance(holder, type) else object.__setattr__
+    setting(holder, field, after)
     try:
         yield
     finally:
-        object.__setattr__(holder, field, before)
+        setting(holder, field, before)
 
 
 def _no_layout(likelihood, placed, held):

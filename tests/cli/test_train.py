@@ -122,7 +122,7 @@ def test_a_model_is_given_its_partial_solvers_later(trained, anonymous, run, tmp
 
 
 def test_what_cannot_find_partial_solvers_later_has_them_at_once(takes, anonymous, run, tmp_path, monkeypatch):
-    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=60))
+    monkeypatch.setattr(learn.LEARN, "max_frames", 60)
     lean, bare = tmp_path / "lean.markerset.json", tmp_path / "bare.markerset.json"
     assert run("train", *takes[:2], "--out", lean, "--lean").status == 0
     assert read_model(lean).partial_solvers is not None
@@ -270,7 +270,7 @@ def test_words_alone_make_a_model_that_names_somebody(run, tmp_path):
 
 
 def test_a_take_of_one_labelled_frame_is_enough_of_a_person(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=60))
+    monkeypatch.setattr(learn.LEARN, "max_frames", 60)
     take = make_performance(open_markerset("body26")).take
     one = write(tmp_path / "ann" / "one.c3d", take.xyz[40:41], take.names)
     whole = write(tmp_path / "whole.c3d", take.xyz[:120], [""] * len(take.names))

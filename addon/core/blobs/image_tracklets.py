@@ -6,7 +6,6 @@ name or has a neighbour's for some frames. But in the image it moves on as it di
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,8 +17,7 @@ from ..papers.virtual_occlusions.labelling import TOO_FAR, Frame, Naming
 from .tracking import FrameResult
 
 
-@dataclass(frozen=True)
-class ImageTrackletOptions:
+class IMAGE_TRACKLETS:
     """When blobs are one tracklet, and when its name overrules a frame's."""
 
     speed_m_s: float = 4.0  # physical: at most, of a blob of which nothing is known yet
@@ -27,9 +25,6 @@ class ImageTrackletOptions:
     other_ratio: float = 2.0  # physical
     min_frames: int = 12  # physical: of a tracklet that have its name, more than a marker is in doubt at a time, and
     min_ratio: float = 4.0  # physical: times as many as have any other
-
-
-IMAGE_TRACKLETS = ImageTrackletOptions()
 
 
 def name_by_tracklets(views: Sequence[View], results: Mapping[int, FrameResult], rate: float):

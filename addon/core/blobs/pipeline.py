@@ -6,7 +6,7 @@ Memory does not grow with the take: one chunk of frames is held, and of the past
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -36,8 +36,7 @@ Step = tuple[int, Track]
 PARTS_LOOKED_IN = 8  # of a chunk, in which a lost subject is looked for, one frame each
 
 
-@dataclass(frozen=True)
-class TakeOptions:
+class TAKES:
     """How a take is gone through, and what is believed."""
 
     # frames a second; below it nobody is followed, every frame is looked at on its own: a limb moves farther between
@@ -52,9 +51,6 @@ class TakeOptions:
     # again at a chunk's end
     review_frames: int = 20  # physical
     min_label_confidence: float = 0.5  # paper, 5: rather no label than one that is as likely to be wrong
-
-
-TAKES = TakeOptions()
 
 
 def label_take(

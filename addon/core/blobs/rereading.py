@@ -26,17 +26,13 @@ from .tracking import Followed, FrameResult, Track, advanced, difference, follow
 JUDGING_STEPS = 3
 
 
-@dataclass(frozen=True)
-class RereadOptions:
+class REREADING:
     """Which frames are read again, and which reading is better."""
 
     # that show a subject, half a second: a marker that is in half of them has its place in them
     min_frames: int = 30  # physical
     # frames around a doubtful one that are looked at, and that may lie between two of a stretch
     around: int = 6  # physical
-
-
-REREADING = RereadOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,7 @@ from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, na
 from .swaps import MAX_EXCHANGES, Swaps, swap_names, try_swaps, without_own
 
 
-@dataclass(frozen=True)
-class FindOptions:
+class FINDING:
     """How a subject is looked for in one frame."""
 
     facings: int = 8  # paper, 6: a start is good within 20° of the subject; of eight all around one is within 23°
@@ -52,7 +51,6 @@ class FindOptions:
     chance_factor: float = 2.0  # physical
 
 
-FINDING = FindOptions()
 # Softness and reach of each fit in m, from a step's length down to how far a layout varies that nobody has seen, and on
 # to that of blobs. Measured: with stages of 0.08, 0.04 and 0.02 m and four times their reach 201 labels of walks in
 # five noisy cameras (`gait15`) are wrong, with these 141.

@@ -25,8 +25,7 @@ from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, O
 TIMED_STAGES = ("place", "fit", "label")
 
 
-@dataclass(frozen=True)
-class SubjectOptions:
+class SUBJECT:
     """What is taken for granted of a subject, and what it may be found to be."""
 
     # heights; a subject's markers are never taken to sit surer than this where the marker set has them. Other labs
@@ -44,7 +43,6 @@ class SubjectOptions:
     min_pace: float = 0.6  # physical
 
 
-SUBJECT = SubjectOptions()
 MAX_SEGMENT_MARKERS = 4  # of which every order is tried; of five there would be 119
 
 

@@ -15,8 +15,7 @@ from ..papers.virtual_occlusions.labelling import Naming, doubles
 from .subject import Setup, Subject, refit, slots_pull
 
 
-@dataclass(frozen=True)
-class SwapOptions:
+class SWAPS:
     """When names are thought over."""
 
     # squared deviations that an exchange must gain before a track is doubted; with 4 walks in five noisy cameras
@@ -27,7 +26,6 @@ class SwapOptions:
 MAX_FITS = 10  # of exchanges, those that promise most
 MAX_EXCHANGES = 3  # of names in a frame; with more the placement is wrong
 SWAP_STEPS = 4  # of a whole fit, from one that is near: Gauss-Newton has settled by then
-SWAPS = SwapOptions()
 
 
 @dataclass(frozen=True, eq=False)

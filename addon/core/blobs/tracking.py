@@ -20,8 +20,7 @@ from ..posing.posing import POSING
 from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, refit
 
 
-@dataclass(frozen=True)
-class AnchorOptions:
+class ANCHORING:
     """Standard deviations of what a frame's body is off its prediction at `SUBJECT.reference_rate`."""
 
     translation_m: float = 0.03  # physical: of the root, and
@@ -32,8 +31,7 @@ class AnchorOptions:
     shape: float = 0.05  # physical: in the modes' own standard deviations; known better, as the size
 
 
-@dataclass(frozen=True)
-class TrackOptions:
+class TRACKING:
     """How a subject is followed."""
 
     # share of the last frame's change that is carried on: limbs swing, and slow down; with all of it 0.8 % of walks
@@ -47,8 +45,6 @@ class TrackOptions:
 
 # Iterations of a frame's fit, which starts from the prediction: docs/results/virtual-occlusions.md has more and fewer.
 FOLLOWING_STEPS = 2
-ANCHORING = AnchorOptions()
-TRACKING = TrackOptions()
 
 
 class Anchor:

@@ -19,21 +19,14 @@ PLACEMENT = 9  # parameters of a placement, which come first
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """B bodies.
+    """B bodies."""
 
-    translation  (B, 3) T, m
-    quaternion   (B, 4) R_q, unit, w x y z
-    scale        (B, 3) S, m for one unit of the marker set along the model's x y z
-    bends        (B, J, 3) rotation vector of every joint against the rest pose, rad; the root's stays zero
-    shape        (B, K) amount of each mode of the marker set's spread, in standard deviations
-    own          (B, M, 3) how far the subject's own markers sit from where the shape puts them, segment axes, heights
-    """
-
-    translation: np.ndarray
-    quaternion: np.ndarray
-    scale: np.ndarray
-    bends: np.ndarray
-    shape: np.ndarray
+    translation: np.ndarray  # (B, 3) T, m
+    quaternion: np.ndarray  # (B, 4) R_q, unit, w x y z
+    scale: np.ndarray  # (B, 3) S, m for one unit of the marker set along the model's x y z
+    bends: np.ndarray  # (B, J, 3) rotation vector of every joint against the rest pose, rad; the root's stays zero
+    shape: np.ndarray  # (B, K) amount of each mode of the marker set's spread, in standard deviations
+    # (B, M, 3) how far the subject's own markers sit from where the shape puts them, segment axes, heights
     own: np.ndarray
 
     def __len__(self) -> int:

@@ -4,8 +4,6 @@
 The fit adds these terms to its squared residuals, so that whatever the data does not carry stays plausible.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..geometry import rotations
@@ -13,21 +11,15 @@ from ..kernels import calls
 from .bodies import PLACEMENT, Bodies, BodyModel
 
 
-@dataclass(frozen=True)
-class PriorOptions:
-    """What people may do beyond the recordings that a marker set was learned from.
+class PRIOR:
+    """What people may do beyond the recordings that a marker set was learned from."""
 
-    bend_floor_rad  physical: added to the standard deviation of every bend, people do what nobody did when recorded
-    height_floor_m  physical: least standard deviation of a height, nobody's is known better than to a millimetre
-    stretch_sd      physical: parts of the height by which the scale along one axis strays from the mean of the three
-    """
-
-    bend_floor_rad: float = 0.12
-    height_floor_m: float = 0.001
-    stretch_sd: float = 0.03
-
-
-PRIOR = PriorOptions()
+    # added to the standard deviation of every bend, people do what nobody did when recorded
+    bend_floor_rad: float = 0.12  # physical
+    # least standard deviation of a height, nobody's is known better than to a millimetre
+    height_floor_m: float = 0.001  # physical
+    # parts of the height by which the scale along one axis strays from the mean of the three
+    stretch_sd: float = 0.03  # physical
 
 
 class Prior:

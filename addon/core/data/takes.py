@@ -338,16 +338,11 @@ def _ordered(take: Points, part: slice, frames: np.ndarray) -> tuple[np.ndarray,
 
 @dataclass(frozen=True, eq=False)
 class InOrder:
-    """Points of F frames in the order of their file, whatever lanes they stand in: what a frame says hangs on no lane.
+    """Points of F frames in the order of their file, whatever lanes they stand in: no frame hangs on a lane."""
 
-    xyz    (F, W, 3) m, NaN behind the last of a frame
-    lane   (F, W) of each, -1 behind the last; None where lanes are in that order
-    lanes  how many lanes there are
-    """
-
-    xyz: np.ndarray
-    lane: np.ndarray | None
-    lanes: int
+    xyz: np.ndarray  # (F, W, 3) m, NaN behind the last of a frame
+    lane: np.ndarray | None  # (F, W) of each, -1 behind the last; None where lanes are in that order
+    lanes: int  # how many lanes there are
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Values (F, L) by lanes, (F, W) as the points are; what is behind the last of a frame says nothing."""

@@ -77,16 +77,14 @@ class PointEdit(Edit):
 
 @dataclass(frozen=True)
 class BlobEdit(Edit):
-    """An edit of the blob at x, y px of a camera's image in a frame; with `frames`, of its track in that camera there.
-
-    trail  (K, 3) frame, x and y px of the other blobs of that track, made of the take by `blob_tracks.followed`; it is
-           no part of what was said and is kept nowhere
-    """
+    """An edit of the blob at x, y px of a camera's image in a frame; with `frames`, of its track there."""
 
     camera: str
     frame: int
     x: float
     y: float
+    # (K, 3) frame, x and y px of the other blobs of that track, made of the take by `blob_tracks.followed`; it is no
+    # part of what was said and is kept nowhere
     trail: np.ndarray | None = field(default=None, compare=False, repr=False, kw_only=True)
 
     @property

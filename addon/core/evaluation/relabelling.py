@@ -69,15 +69,12 @@ def _pieces(there: np.ndarray, ends: np.ndarray) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, eq=False)
 class NameCounts:
-    """What became of a take's names, by marker (M,): points that are known to be it, of them named so, and wrong names.
+    """What became of a take's names, by marker (M,)."""
 
-    refused  why the model did not name the take at all; empty where it did
-    """
-
-    present: np.ndarray
-    right: np.ndarray
-    wrong: np.ndarray
-    refused: str = ""
+    present: np.ndarray  # points that are known to be it, and
+    right: np.ndarray  # those of them that are named so
+    wrong: np.ndarray  # wrong names
+    refused: str = ""  # why the model did not name the take at all; empty where it did
 
     @property
     def recall(self) -> float:

@@ -12,8 +12,7 @@ from ..geometry.rigid import pairwise_distances
 from ..review.suspects import runs
 
 
-@dataclass(frozen=True)
-class NeighbourOptions:
+class LEARNED_BY:
     """What the rest of a take must show before it says anything of a marker."""
 
     # with all that is looked at together, before anything is learned of it; 100 errs as much, but with 40 a take of
@@ -27,7 +26,6 @@ class NeighbourOptions:
     of_axes: int = 4  # measured
 
 
-LEARNED_BY = NeighbourOptions()
 # s that strays last at most, then it is the marker's own path or another's; half and twice of it find the same in 43
 # recorded takes
 STRAYS_LAST_S = 0.2  # measured

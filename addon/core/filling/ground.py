@@ -8,7 +8,6 @@ the way. Toes bend up from the floor where the heel lifts. All else stays as it 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,8 +18,7 @@ from ..review.suspects import runs
 from .smoothing import smoothed
 
 
-@dataclass(frozen=True)
-class GroundOptions:
+class ON_GROUND:
     """When a foot is planted, and how it gets there."""
 
     # of the frames in which feet rest that are on the floor at least, and not on a step
@@ -42,7 +40,6 @@ class GroundOptions:
     straight: float = 0.9995  # physical
 
 
-ON_GROUND = GroundOptions()
 # paper: the heel's end, of the way from the ankle to the toes' tip: 0.039 of 0.152 of the height (Winter, after
 # Drillis and Contini)
 HEEL = -0.35

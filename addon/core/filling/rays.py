@@ -20,8 +20,7 @@ from .gaps import Gap
 from .regression import MEAN_OF_DISTANCE
 
 
-@dataclass(frozen=True)
-class RayOptions:
+class RAY_LIMITS:
     """How rays constrain a fill, beside how exactly `MARKER_LIMITS` says that blobs and points are known."""
 
     # s in which the error of a fill becomes another, on virtual rooms with takes that are not among those of the
@@ -31,9 +30,6 @@ class RayOptions:
     # s, however many are missing
     usual_m: float = 0.02  # measured
     window: int = 300  # memory: frames of a gap that are worked out together, at a cost of their number's cube
-
-
-RAY_LIMITS = RayOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,8 +49,7 @@ class KernelPrior:
 PRIOR_SCALES = KernelPrior()
 
 
-@dataclass(frozen=True)
-class RegressionOptions:
+class REGRESSION:
     """How a marker is learned from its neighbours."""
 
     features: int = 20  # measured: neighbours whose places count; 10 err as much, within 3 %
@@ -64,7 +63,6 @@ class RegressionOptions:
     doublings: int = 4  # measured
 
 
-REGRESSION = RegressionOptions()
 MEAN_OF_DISTANCE = np.sqrt(8 / np.pi)  # of a place whose three coordinates are off by one standard deviation
 SEARCH_STEPS = 10  # of the search for scales: 5 and 25 come as far
 # Numbers of this precision: e to the -40 is less than rounding, which the diagonal is raised by, and what the search

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which way is up for a rig of cameras: they stand upright around what they look at, and look level or down on it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,23 +10,17 @@ from .cameras import Cameras
 AXIS_NAMES = ("x", "y", "z", "-x", "-y", "-z")
 
 
-@dataclass(frozen=True)
-class UprightOptions:
-    """When cameras tell which way is up.
+class UPRIGHT_CAMERAS:
+    """When cameras tell which way is up."""
 
-    min_upright  physical: mean of how far the upper edges of the pictures point along an axis, 1 being all the way;
-                 cameras on tripods and walls stand upright, some are turned by a quarter
-    max_alike    physical: cosine of the angle about the axis between some two views; cameras stand around a room
-    max_rise     physical: mean sine of how far views point upwards, and downwards before all cameras are believed to
-                 hang head down; they look level or down on people
-    """
-
-    min_upright: float = 0.6
-    max_alike: float = 0.5
-    max_rise: float = 0.1
-
-
-UPRIGHT_CAMERAS = UprightOptions()
+    # mean of how far the upper edges of the pictures point along an axis, 1 being all the way; cameras on tripods and
+    # walls stand upright, some are turned by a quarter
+    min_upright: float = 0.6  # physical
+    # cosine of the angle about the axis between some two views; cameras stand around a room
+    max_alike: float = 0.5  # physical
+    # mean sine of how far views point upwards, and downwards before all cameras are believed to hang head down; they
+    # look level or down on people
+    max_rise: float = 0.1  # physical
 
 
 def guess_up(cameras: Cameras) -> str:

@@ -10,16 +10,11 @@ MIN_FORCE = 20.0  # N; physical: of less a plate's noise makes any place
 
 @dataclass(frozen=True, eq=False)
 class ForcePlate:
-    """A force plate, and the force with which it pushes back, over the F frames of its file.
+    """A force plate, and the force with which it pushes back, over the F frames of its file."""
 
-    corners  (4, 3) m
-    force    (F, 3) N
-    place    (F, 3) m, NaN where hardly any force says where it acts
-    """
-
-    corners: np.ndarray
-    force: np.ndarray
-    place: np.ndarray
+    corners: np.ndarray  # (4, 3) m
+    force: np.ndarray  # (F, 3) N
+    place: np.ndarray  # (F, 3) m, NaN where hardly any force says where it acts
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,21 +10,16 @@ from .cameras import Cameras
 from .views import VIEWING, Sight, View
 
 
-@dataclass(frozen=True)
-class MeetingOptions:
-    """How rays meet.
+class MEETING:
+    """How rays meet."""
 
-    kept_share     measured: of the points, best first, that the noise of the blobs is taken from: a wrong name or a
-                   merged blob is not noise
-    trimmed_scale  measured: by what leaving out the rest divides a normal deviation: 1.5 where two rays meet, 1.2 where
-                   three do, by the truncated distribution of squares
-    """
-
-    kept_share: float = 0.8
-    trimmed_scale: float = 1.35
+    # of the points, best first, that the noise of the blobs is taken from: a wrong name or a merged blob is not noise
+    kept_share: float = 0.8  # measured
+    # by what leaving out the rest divides a normal deviation: 1.5 where two rays meet, 1.2 where three do, by the
+    # truncated distribution of squares
+    trimmed_scale: float = 1.35  # measured
 
 
-MEETING = MeetingOptions()
 MIN_SINE = 0.02  # of the angle between two rays; below it, one degree, they fix no depth
 MAX_CONDITION = 1e5  # of the equations of rays; two that are nearer to parallel than half a degree fix no depth
 RAY_RIDGE = 1e-12  # of the equations' size, which keeps parallel rays from a division by nought
@@ -32,16 +27,11 @@ RAY_RIDGE = 1e-12  # of the equations' size, which keeps parallel rays from a di
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
-    """Where the rays of M sets of blobs meet.
+    """Where the rays of M sets of blobs meet."""
 
-    points    (M, 3) m; NaN with fewer than two rays, or rays that are parallel
-    residual  (M,) m, root mean square of `miss` over the cameras that count
-    miss      (C, M) m between the point and each ray; zero where a camera does not count
-    """
-
-    points: np.ndarray
-    residual: np.ndarray
-    miss: np.ndarray
+    points: np.ndarray  # (M, 3) m; NaN with fewer than two rays, or rays that are parallel
+    residual: np.ndarray  # (M,) m, root mean square of `miss` over the cameras that count
+    miss: np.ndarray  # (C, M) m between the point and each ray; zero where a camera does not count
 
 
 class Rays:

@@ -13,33 +13,20 @@ from .cameras import Cameras
 NOWHERE = 1e6  # where padding lies in the normalised image: too far to be anybody's nearest
 
 
-@dataclass(frozen=True)
-class ViewOptions:
-    """What a camera may see.
+class VIEWING:
+    """What a camera may see."""
 
-    max_blobs    memory: of one camera in one frame; more is a broken threshold, not a capture
-    min_depth_m  physical: m, points that are nearer to a camera are as good as behind it
-    """
-
-    max_blobs: int = 500
-    min_depth_m: float = 0.05
-
-
-VIEWING = ViewOptions()
+    max_blobs: int = 500  # memory: of one camera in one frame; more is a broken threshold, not a capture
+    min_depth_m: float = 0.05  # physical: m, points that are nearer to a camera are as good as behind it
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One frame as C cameras saw it, K being the most blobs that one of them has.
+    """One frame as C cameras saw it, K being the most blobs that one of them has."""
 
-    image  (C, K, 2) normalised, lens-free image coordinates; NOWHERE where a camera has fewer blobs
-    real   (C, K) True where there is a blob
-    row    (C, K) the blob's row in its chunk, -1 where there is none
-    """
-
-    image: np.ndarray
-    real: np.ndarray
-    row: np.ndarray
+    image: np.ndarray  # (C, K, 2) normalised, lens-free image coordinates; NOWHERE where a camera has fewer blobs
+    real: np.ndarray  # (C, K) True where there is a blob
+    row: np.ndarray  # (C, K) the blob's row in its chunk, -1 where there is none
 
     @cached_property
     def across(self) -> np.ndarray:

@@ -43,8 +43,7 @@ from ..reconstruction.matching import FramePoints, padded
 from ..reconstruction.trajectories import Reconstructor
 
 
-@dataclass(frozen=True)
-class FollowedTogetherOptions:
+class FOLLOWED_TOGETHER:
     """When bodies that are followed together are believed."""
 
     looked_at_s: float = 0.2  # physical: between frames that are looked at; a limb swings for half a second
@@ -58,7 +57,6 @@ class FollowedTogetherOptions:
     lead: float = 2.0  # physical: nats, by which one of two must have a blob nearer to be called its only owner
 
 
-FOLLOWED_TOGETHER = FollowedTogetherOptions()
 LEAST_LOOKED_AT = 4  # frames of a chunk, at least
 LEARNED_FROM = 2  # frames: whose points have many rays need not know the capture well
 MAX_STARTS = 4  # of a chunk, in different frames; by time
@@ -67,16 +65,12 @@ NARROW = {"f": "<f4", "i": "<i4"}  # numbers as they lie in a room
 
 @dataclass(frozen=True, eq=False)
 class LookedAt:
-    """A frame whose blobs make Q points of three rays or more: slots (Q, C) of its view, -1 where none.
-
-    group   (Q,) whose they are, if they lie in as many groups as there are subjects; -1 where they do not
-    marker  (Q,) what the frame is sure that each is, NO_MARKER for nothing
-    """
+    """A frame whose blobs make Q points of three rays or more: slots (Q, C) of its view, -1 where none."""
 
     at: int
     slots: np.ndarray
-    group: np.ndarray
-    marker: np.ndarray
+    group: np.ndarray  # (Q,) whose they are, if they lie in as many groups as there are subjects; -1 where they do not
+    marker: np.ndarray  # (Q,) what the frame is sure that each is, NO_MARKER for nothing
 
     def least_sure(self, count: int) -> tuple[int, int]:
         """How many names it is sure of: of whomever it has the fewest of so many, and of all."""
@@ -481,18 +475,16 @@ class EditedBodies:
 
 @dataclass(frozen=True, eq=False)
 class SeveralBlobs:
-    """A take of blobs that several subjects are in, and how they are to be named.
+    """A take of blobs that several subjects are in, and how they are to be named."""
 
-    read     gives its chunks, each with the share that is read by then, as often as it is asked
-    options  whose edits are of blobs, and yet to be applied to the chunks; its room keeps what is not held
-    body_of  makes the volume of a subject that is in the way; None for the marker set's capsules
-    """
-
+    # gives its chunks, each with the share that is read by then, as often as it is asked
     read: Callable[[], Iterable[tuple[Blobs, float]]]
     cameras: Cameras
     asked: SeveralOptions
+    # whose edits are of blobs, and yet to be applied to the chunks; its room keeps what is not held
     options: PointOptions
     rate: float  # frames a second
+    # makes the volume of a subject that is in the way; None for the marker set's capsules
     body_of: Callable[[MarkerSet], Occlusion] | None = None
 
     def body(self, markerset: MarkerSet) -> Occlusion:

@@ -100,8 +100,7 @@ def middle_of(take: Points) -> Points:
 HOW_TO_CHOOSE, HOW_TO_FIND = "by --model", "by --model MODEL, or a model that is trained"
 
 
-@dataclass(frozen=True)
-class WornOptions:
+class WORN:
     """When a set may be worn."""
 
     # part of the places of its markers that are hardly there: 0.13 at most in takes of the set, in which a lab has left
@@ -111,9 +110,6 @@ class WornOptions:
     # times its markers that are worn beside it: 0.1 at most with props, 0.4 at least where another set is worn that
     # nobody knows
     max_beside: float = 0.3  # measured
-
-
-WORN = WornOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,8 +28,7 @@ from .followed_together import FOLLOWED_TOGETHER, FollowedTogether, SeveralBlobs
 from .through_points import PointsOfBlobs, without_number
 
 
-@dataclass(frozen=True)
-class CheckingBackOptions:
+class CHECKING_BACK:
     """When a blob keeps the name of its point. Costs are in nats: half the square of a distance over the blobs' noise.
 
     The first two were chosen on the first four takes of each kind in tests/accuracy/actors.py.
@@ -43,9 +42,6 @@ class CheckingBackOptions:
     # as well, as where images melt into one blob
     lead: float = FOLLOWED_TOGETHER.lead
     share: float = 0.4  # measured: of the time of the work that is reconstruction
-
-
-CHECKING_BACK = CheckingBackOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +133,7 @@ class SubjectsInImages:
         return found
 
     def _cost(self, away: np.ndarray, hidden: np.ndarray | bool) -> np.ndarray:
-        """Nats, as `CheckingBackOptions` counts them, of blobs so far `away`, px, from markers, `hidden` or not."""
+        """Nats, as `CHECKING_BACK` counts them, of blobs so far `away`, px, from markers, `hidden` or not."""
         return (away / self._noise) ** 2 / 2 + CHECKING_BACK.hidden * hidden
 
     def _off_alone(self, blobs: Blobs, rows: np.ndarray, labels: Labels, motion: Motion) -> np.ndarray:

@@ -85,8 +85,7 @@ def _circle(count: int) -> np.ndarray:
 AXIS_WORDS = (("forward", "back"), ("to the left", "to the right"), ("up", "down"))
 
 
-@dataclass(frozen=True)
-class AdviceOptions:
+class ADVICE:
     """What is looked for, and where."""
 
     # standard deviations by which every pair of markers should be separate; physical: at 4 one is taken for the other
@@ -97,9 +96,6 @@ class AdviceOptions:
     max_move_m: float = 0.06  # and the farthest of them; physical: farther is another place on the body
     # standard deviations of a separation that count; physical: at 4 they change how often by a ninth
     noticed: float = 0.1  # physical
-
-
-ADVICE = AdviceOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,62 +24,38 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TaughtTake:
-    """A file of a labelled take that a model was taught, or is checked on.
+    """A file of a labelled take that a model was taught, or is checked on."""
 
-    name    of the file
-    subject whose it is
-    frames  how many labelled frames it had
-    sha256  of what the file held; empty for a take that was taught from no file
-    path    of the file as seen from the model's, with /; empty where it is not known
-    up      the axis that points up in it, where that is known better than from the file; else empty
-    rate    format: frames a second, where the file says none; else 0
-    """
-
-    name: str
-    subject: str
-    frames: int
-    sha256: str = ""
-    path: str = ""
-    up: str = ""
-    rate: float = 0.0
+    name: str  # of the file
+    subject: str  # whose it is
+    frames: int  # how many labelled frames it had
+    sha256: str = ""  # of what the file held; empty for a take that was taught from no file
+    path: str = ""  # of the file as seen from the model's, with /; empty where it is not known
+    up: str = ""  # the axis that points up in it, where that is known better than from the file; else empty
+    rate: float = 0.0  # format: frames a second, where the file says none; else 0
 
 
 @dataclass(frozen=True)
 class CheckedTake:
-    """How a take was named before a training on and after it: shares of the points of its markers.
+    """How a take was named before a training on and after it: shares of the points of its markers."""
 
-    name           of its file
-    recall         named right, before and after
-    wrong          named wrong, before and after
-    """
-
-    name: str
-    recall: tuple[float, float]
-    wrong: tuple[float, float]
+    name: str  # of its file
+    recall: tuple[float, float]  # named right, before and after
+    wrong: tuple[float, float]  # named wrong, before and after
 
 
 @dataclass(frozen=True)
 class ModelVersion:
-    """One training of a model.
+    """One training of a model."""
 
-    version  counts the trainings, from 1
-    date     the day, by the world's clock, as 2026-11-23; empty where not known
-    by       who taught it; empty where not known
-    program  the version of Mocap Autolabel
-    origin   the fingerprint of the model that was trained on; empty for a new one
-    takes    what it was taught; none where it was given its partial solvers
-    checked  the takes that were named by the model before and by this one
-    told     it was taken although some of these were named worse
-    """
-
-    version: int
-    date: str = ""
-    by: str = ""
-    program: str = ""
-    origin: str = ""
-    takes: tuple[TaughtTake, ...] = ()
-    checked: tuple[CheckedTake, ...] = ()
-    told: bool = False
+    version: int  # counts the trainings, from 1
+    date: str = ""  # the day, by the world's clock, as 2026-11-23; empty where not known
+    by: str = ""  # who taught it; empty where not known
+    program: str = ""  # the version of Mocap Autolabel
+    origin: str = ""  # the fingerprint of the model that was trained on; empty for a new one
+    takes: tuple[TaughtTake, ...] = ()  # what it was taught; none where it was given its partial solvers
+    checked: tuple[CheckedTake, ...] = ()  # the takes that were named by the model before and by this one
+    told: bool = False  # it was taken although some of these were named worse
 
 
 @dataclass(frozen=True)
@@ -113,38 +89,25 @@ NO_HISTORY = ModelHistory()
 
 @dataclass(frozen=True, eq=False)
 class TrainingTake:
-    """What a model keeps of a take, so that it can be trained on with others.
+    """What a model keeps of a take, so that it can be trained on with others."""
 
-    subject  the subject's id; several takes may be of one
-    takes    the take's name; several names where a model did not keep their frames by take
-    frames   how many labelled frames it had
-    points   (F, M, 3) m, the most different of those frames, NaN where a marker is missing
-    """
-
-    subject: str
-    takes: tuple[str, ...]
-    frames: int
-    points: np.ndarray
+    subject: str  # the subject's id; several takes may be of one
+    takes: tuple[str, ...]  # the take's name; several names where a model did not keep their frames by take
+    frames: int  # how many labelled frames it had
+    points: np.ndarray  # (F, M, 3) m, the most different of those frames, NaN where a marker is missing
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What a model file holds.
+    """What a model file holds."""
 
-    markerset        names, skeleton, body
-    likelihood       what was learned to name points by; None where nothing was
-    partial_solvers  the same as an ensemble of partial solvers; None where they were not trained
-    training_takes   what it was trained on, a take each; empty where that was left out
-    history          who taught it what, and when
-    fingerprint      of the file that it was read from, whatever its history; empty for one that was not
-    """
-
-    markerset: MarkerSet
-    likelihood: Likelihood | None = None
+    markerset: MarkerSet  # names, skeleton, body
+    likelihood: Likelihood | None = None  # what was learned to name points by; None where nothing was
+    # the same as an ensemble of partial solvers; None where they were not trained
     partial_solvers: PartialSolvers | None = None
-    training_takes: tuple[TrainingTake, ...] = ()
-    history: ModelHistory = NO_HISTORY
-    fingerprint: str = ""
+    training_takes: tuple[TrainingTake, ...] = ()  # what it was trained on, a take each; empty where that was left out
+    history: ModelHistory = NO_HISTORY  # who taught it what, and when
+    fingerprint: str = ""  # of the file that it was read from, whatever its history; empty for one that was not
 
     @property
     def has_learned(self) -> bool:

@@ -50,16 +50,11 @@ def by_marker(values: Table, labels: Labels, markers: int, places: Mapping | Non
 
 @dataclass(frozen=True, eq=False)
 class MotionInParts(ABC):
-    """The named markers of a take and who is posed on them, of which parts are worked out when they are asked for.
+    """The named markers of a take and who is posed on them, of which parts are worked out when they are asked for."""
 
-    markers   (T, M, 3) m and
-    residual  (T, M) m, NaN where one is not
-    frames    (T,) the source's numbers
-    """
-
-    markers: Table
-    residual: Table
-    frames: np.ndarray
+    markers: Table  # (T, M, 3) m and
+    residual: Table  # (T, M) m, NaN where one is not
+    frames: np.ndarray  # (T,) the source's numbers
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -80,15 +75,11 @@ class MotionInParts(ABC):
 
 @dataclass(frozen=True, eq=False)
 class TakeMotion(MotionInParts):
-    """The motion of one subject.
+    """The motion of one subject."""
 
-    labels  (T, L) of the points
-    bodies  T of them, NaN where there is none
-    """
-
-    labels: Labels
+    labels: Labels  # (T, L) of the points
     model: BodyModel
-    bodies: Bodies
+    bodies: Bodies  # T of them, NaN where there is none
 
     def part(self, frames: slice) -> Motion:
         """The motion in the frames from start to stop."""

@@ -8,7 +8,6 @@ which, the whole body does.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from itertools import permutations
 from math import log
 
@@ -32,35 +31,29 @@ GRAVITY = 9.81  # m/s², physical
 UNIT_M = {"mm": 0.001, "cm": 0.01, "inches": 0.0254, "m": 1.0}  # metres in one of each; format
 
 
-@dataclass(frozen=True)
-class PossibleOptions:
-    """What cannot be, and how it is looked at.
+class POSSIBLE:
+    """What cannot be, and how it is looked at."""
 
-    part           measured: of the frames, and
-    gravities      measured: times gravity, beyond which half of a body never is in so many: 8.2 in a sprint at 9.5 m/s
-                   with most markers on the legs, 14 to 48 in walks at ten times their rate
-    step_s         physical: s, over which accelerations are taken; noise of 3 mm adds a tenth of the limit to them
-    min_reach_m    physical: from end to end of a frame's points, longer than a hand, which can be shaken faster
-    nearer         measured: times nearer than the frames beside it another frame is, where they are out of order; 1.1
-                   at most in takes as recorded, 8 and more in others
-    max_size       physical: times larger or smaller than those of a set's usual wearer markers are, in the right unit:
-                   from the shortest newborn to the tallest man there ever was it is 0.25 to 1.6
-    slow_hz        physical: cameras that look at markers take as many pictures a second at least; and
-    slow_speed     measured: m/s, beyond which next to no point of people is who get about, at a tenth of their rate:
-                   0.7 at most there, 1.2 at least at their own
-    """
-
-    part: float = 0.25
-    gravities: float = 10.0
-    step_s: float = 0.04
-    min_reach_m: float = 0.3
-    nearer: float = 4.0
-    max_size: float = 3.0
-    slow_hz: float = 25.0
-    slow_speed: float = 0.8
+    part: float = 0.25  # measured: of the frames, and
+    # times gravity, beyond which half of a body never is in so many: 8.2 in a sprint at 9.5 m/s with most markers on
+    # the legs, 14 to 48 in walks at ten times their rate
+    gravities: float = 10.0  # measured
+    # s, over which accelerations are taken; noise of 3 mm adds a tenth of the limit to them
+    step_s: float = 0.04  # physical
+    # from end to end of a frame's points, longer than a hand, which can be shaken faster
+    min_reach_m: float = 0.3  # physical
+    # times nearer than the frames beside it another frame is, where they are out of order; 1.1 at most in takes as
+    # recorded, 8 and more in others
+    nearer: float = 4.0  # measured
+    # times larger or smaller than those of a set's usual wearer markers are, in the right unit: from the shortest
+    # newborn to the tallest man there ever was it is 0.25 to 1.6
+    max_size: float = 3.0  # physical
+    slow_hz: float = 25.0  # physical: cameras that look at markers take as many pictures a second at least; and
+    # m/s, beyond which next to no point of people is who get about, at a tenth of their rate: 0.7 at most there, 1.2 at
+    # least at their own
+    slow_speed: float = 0.8  # measured
 
 
-POSSIBLE = PossibleOptions()
 FRAMES_ASKED = 40  # spread over a take, of which something slow is asked; by time
 FRAMES_LOOKED_AT = 200  # spread over the take, and
 COLUMNS_LOOKED_AT = 100  # which have the most points; by time

@@ -19,42 +19,34 @@ from .models import USUAL_TARGET, Model, Namer
 from .possible import FRAMES_ASKED, mistaken_unit
 
 
-@dataclass(frozen=True)
-class RefusalOptions:
-    """When a take is refused; shares are of what could be given.
+class REFUSAL:
+    """When a take is refused; shares are of what could be given."""
 
-    max_points      memory: of a frame; more are no marker system's
-    min_confidence  measured: of a label that counts, or a rate of USUAL_TARGET, as who was trained on little may never
-                    promise it; with half of it two crowds of ten are refused
-    min_sure        measured: share of the markers whose labels count: 0.13 at least in takes of the model's, 0 of
-                    plates by other sets, 0.05 at most of people by a set on plates
-    min_named       measured: share of the markers that such a take is given in the end, with twice of it a person in
-                    two sets at once is refused; and that frames must be sure of among the points that one subject
-                    leaves over, if they are another: of spare markers 0.05 at most; where they are sure of fewer, it
-                    is asked whether they would be of so many in another unit
-    min_all         measured: the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at
-                    most of other sets
-    crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 1.44 of who
-                    wears two sets, 2 of two subjects, 2.3 at least among all that a lab puts on
-    min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
-    max_residual    measured: mean square, over what training leaves, between markers and where the set has them: 0.14
-                    to 0.2 on walks in a crowd, 0.2 to 0.52 on people in each other's reach, 0.7 to 2.4 on other sets
-    min_layout      measured: log odds a marker of where the set has it, where single frames are not sure: 5.1 at least
-                    in takes of other labs, 4.7 at most of other sets and where many names are wrong
-    """
-
-    max_points: int = 400
-    min_confidence: float = 0.99
-    min_sure: float = 0.12
-    min_named: float = 0.25
-    min_all: float = 0.75
-    crowd: float = 1.6
-    min_half: float = 0.5
-    max_residual: float = 0.6
-    min_layout: float = 4.9
-
-
-REFUSAL = RefusalOptions()
+    max_points: int = 400  # memory: of a frame; more are no marker system's
+    # of a label that counts, or a rate of USUAL_TARGET, as who was trained on little may never promise it; with half of
+    # it two crowds of ten are refused
+    min_confidence: float = 0.99  # measured
+    # share of the markers whose labels count: 0.13 at least in takes of the model's, 0 of plates by other sets, 0.05 at
+    # most of people by a set on plates
+    min_sure: float = 0.12  # measured
+    # share of the markers that such a take is given in the end, with twice of it a person in two sets at once is
+    # refused; and that frames must be sure of among the points that one subject leaves over, if they are another: of
+    # spare markers 0.05 at most; where they are sure of fewer, it is asked whether they would be of so many in another
+    # unit
+    min_named: float = 0.25  # measured
+    # the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at most of other sets
+    min_all: float = 0.75  # measured
+    # times as many points as markers: 1.14 at most of one subject among 40 ghosts, 1.44 of who wears two sets, 2 of two
+    # subjects, 2.3 at least among all that a lab puts on
+    crowd: float = 1.6  # measured
+    # share of the markers, and of the frames: of who is there half is seen, half of the time
+    min_half: float = 0.5  # physical
+    # mean square, over what training leaves, between markers and where the set has them: 0.14 to 0.2 on walks in a
+    # crowd, 0.2 to 0.52 on people in each other's reach, 0.7 to 2.4 on other sets
+    max_residual: float = 0.6  # measured
+    # log odds a marker of where the set has it, where single frames are not sure: 5.1 at least in takes of other labs,
+    # 4.7 at most of other sets and where many names are wrong
+    min_layout: float = 4.9  # measured
 
 
 def refuse_floods(points: Table):
@@ -66,16 +58,14 @@ def refuse_floods(points: Table):
 
 @dataclass(frozen=True)
 class SetFit:
-    """How markers that were named sit as their set has them.
+    """How markers that were named sit as their set has them."""
 
-    residual        in a crowd, the usual square of what is left between markers and where their set has them, over what
-                    training leaves; 0 where there is no crowd, and where no frame shows enough of them
-    log_likelihood  nats a marker of the usual frame, by the shape of the training; minus infinity where no frame does
-    layout          log odds a marker, by how far markers are from each other in all of the take, whatever the pose
-    """
-
+    # in a crowd, the usual square of what is left between markers and where their set has them, over what training
+    # leaves; 0 where there is no crowd, and where no frame shows enough of them
     residual: float
+    # nats a marker of the usual frame, by the shape of the training; minus infinity where no frame does
     log_likelihood: float
+    # log odds a marker, by how far markers are from each other in all of the take, whatever the pose
     layout: float = -np.inf
 
 

@@ -20,48 +20,34 @@ from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, eve
 from .likelihood.model import chance
 
 
-@dataclass(frozen=True)
-class CutOptions:
-    """Where a trajectory may go on as another marker's.
+class CUTTING:
+    """Where a trajectory may go on as another marker's."""
 
-    max_gap_s    physical: s without a point, half a stride: a whole limb has moved on, and another marker may be in its
-                 place
-    min_nearest  measured: part of the points to which their column's next is the nearest of the next frame, where
-                 columns are trajectories: two thirds of people at 10 Hz; of points in any order one in as many as there
-                 are, and half where only two frames at a time follow each other
-    """
-
-    max_gap_s: float = 0.5
-    min_nearest: float = 0.6
+    # s without a point, half a stride: a whole limb has moved on, and another marker may be in its place
+    max_gap_s: float = 0.5  # physical
+    # part of the points to which their column's next is the nearest of the next frame, where columns are trajectories:
+    # two thirds of people at 10 Hz; of points in any order one in as many as there are, and half where only two frames
+    # at a time follow each other
+    min_nearest: float = 0.6  # measured
 
 
-@dataclass(frozen=True)
-class VoteOptions:
-    """How tracklets vote.
+class VOTE:
+    """How tracklets vote."""
 
-    max_frame_log_odds  measured: that one frame can say, beyond which its calibration knows nothing; half or twice as
-                        much changes no label of plates
-    ghost_log_odds      measured: that a frame without a name says for a ghost; nor does this
-    frame_weight        measured: part of an independent frame that a frame is worth, as neighbours err together; nor
-                        does this
-    swap_cost           measured: log odds that a tracklet must speak for another name to have swapped; nor does this
-    max_overlap_frames  physical: that two tracklets of one marker may share: trackers end one late and start the other
-                        early
-    window_frames       memory: frames that vote together, as labels of all frames of a long take are large
-    min_length_frames   physical: of the usual tracklet; shorter ones are shorter than any motion
-    """
-
-    max_frame_log_odds: float = 4.0
-    ghost_log_odds: float = 1.0
-    frame_weight: float = 0.1
-    swap_cost: float = 10.0
-    max_overlap_frames: int = 2
-    window_frames: int = 2048
-    min_length_frames: int = 5
+    # that one frame can say, beyond which its calibration knows nothing; half or twice as much changes no label of
+    # plates
+    max_frame_log_odds: float = 4.0  # measured
+    ghost_log_odds: float = 1.0  # measured: that a frame without a name says for a ghost; nor does this
+    # part of an independent frame that a frame is worth, as neighbours err together; nor does this
+    frame_weight: float = 0.1  # measured
+    # log odds that a tracklet must speak for another name to have swapped; nor does this
+    swap_cost: float = 10.0  # measured
+    # that two tracklets of one marker may share: trackers end one late and start the other early
+    max_overlap_frames: int = 2  # physical
+    window_frames: int = 2048  # memory: frames that vote together, as labels of all frames of a long take are large
+    min_length_frames: int = 5  # physical: of the usual tracklet; shorter ones are shorter than any motion
 
 
-CUTTING = CutOptions()
-VOTE = VoteOptions()
 PAIRS_COMPARED = 200  # pairs of frames in which it is seen whether columns are trajectories; by time
 MIN_STEPS = 100  # from one point of a column to the next, of which a share is known to a twentieth
 POINTS_AT_ONCE = 200_000  # that are cut at once; by memory
@@ -191,17 +177,13 @@ def renamed(
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A run of frames of one tracklet that has one name.
+    """A run of frames of one tracklet that has one name."""
 
-    tracklet, lane  its number, and where it stands
-    frames          (F,) in which it has a point, 0-based
-    odds            (M,) log odds added up over them; silent, the same for no name
-    """
-
+    # its number, and where it stands
     tracklet: int
     lane: int
-    frames: np.ndarray
-    odds: np.ndarray
+    frames: np.ndarray  # (F,) in which it has a point, 0-based
+    odds: np.ndarray  # (M,) log odds added up over them; silent, the same for no name
     silent: float
 
 

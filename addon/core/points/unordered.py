@@ -9,7 +9,7 @@ makes more names, until nothing changes.
 """
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,28 +25,23 @@ from .refusals import REFUSAL
 from .tracklets import are_lasting
 
 
-@dataclass(frozen=True)
-class UnorderedOptions:
-    """How frames in no order teach their subject, and how much its own count against the training.
+class UNORDERED:
+    """How frames in no order teach their subject, and how much its own count against the training."""
 
-    frames       that the training's spread counts for; measured: of the cloud 80 are as good on people left out, with 8
-                 three clouds with six markers hidden lose 61 of 13,176 names
-    size_sd      of the logarithm of the size that is left once the subject's own distances are known; physical: 1 %
-    min_part     measured: of the markers that are enough; twice of it loses 2 % of `clouds-p2`, half nothing
-    loose_radii  measured: this far about where they are expected are markers sought that are seldom named, else 7 % of
-                 `clouds-p1` and `clouds-p2` are lost; they are there if most are as near to one place of the body; half
-                 and twice of it name 1 % more of `clouds-serve`, and others alike
-    hidden_part  of a frame's points that is hidden to try how far labels keep
-    """
-
-    frames: float = 20.0
-    size_sd: float = 0.01
-    min_part: float = 1 / 3
-    loose_radii: float = 0.25
-    hidden_part: float = 1 / 12
+    # that the training's spread counts for; measured: of the cloud 80 are as good on people left out, with 8 three
+    # clouds with six markers hidden lose 61 of 13,176 names
+    frames: float = 20.0  # measured
+    # of the logarithm of the size that is left once the subject's own distances are known; physical: 1 %
+    size_sd: float = 0.01  # physical
+    # of the markers that are enough; twice of it loses 2 % of `clouds-p2`, half nothing
+    min_part: float = 1 / 3  # measured
+    # this far about where they are expected are markers sought that are seldom named, else 7 % of `clouds-p1` and
+    # `clouds-p2` are lost; they are there if most are as near to one place of the body; half and twice of it name 1 %
+    # more of `clouds-serve`, and others alike
+    loose_radii: float = 0.25  # measured
+    hidden_part: float = 1 / 12  # of a frame's points that is hidden to try how far labels keep
 
 
-UNORDERED = UnorderedOptions()
 SUBJECT_ROUNDS = 6  # of expectation maximisation; it settles sooner
 FRAMES_LEARNED_FROM = 600  # of a take; by time
 MIN_CLOUDS = 20  # of them that have enough sure names, else there is nothing to learn from

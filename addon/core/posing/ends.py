@@ -32,21 +32,16 @@ FINGER_RADIUS = 0.005  # physical: heights, half of how thick a finger is
 
 @dataclass(frozen=True, eq=False)
 class LimbEnd:
-    """A segment to be added at the end of another; lengths are heights, in the axes of that from its joint.
-
-    joint, end  (3,) where it begins and ends
-    radius      of its capsule
-    markers     that it carries
-    bends       (3, 3) the projection on the axes that it bends about
-    """
+    """A segment to be added at the end of another; lengths are heights, in the axes of that from its joint."""
 
     name: str
     parent: int
+    # (3,) where it begins and ends
     joint: np.ndarray
     end: np.ndarray
-    radius: float
-    markers: np.ndarray
-    bends: np.ndarray
+    radius: float  # of its capsule
+    markers: np.ndarray  # that it carries
+    bends: np.ndarray  # (3, 3) the projection on the axes that it bends about
 
 
 def with_ends(markerset: MarkerSet) -> MarkerSet:

@@ -5,7 +5,7 @@ Used to put the body in the way of a recorded take, and to learn marker sets.
 """
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,8 +26,7 @@ KEY_STRIDE = 8  # frames; those in between start from their neighbours' poses
 BATCH_FRAMES = 256  # posed at once, few enough for the processor's cache
 
 
-@dataclass(frozen=True)
-class PosingOptions:
+class POSING:
     """How a body is posed on labelled points."""
 
     marker_sd_m: float = 0.01  # physical: how far a marker sits from where a well fitted body carries it, as skin moves
@@ -53,8 +52,6 @@ SUBJECT_STEPS, OWN_ROUNDS, OWN_STEPS = 8, 2, 3
 STEPS_AT_ONCE = 2  # iterations, after which frames that are still are left out
 STILL_GAIN = 1e-3  # what a still frame's last iteration lowered its cost by; a marker 1.4 mm off costs ten times that
 HOLD = 1e9  # 1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
-
-POSING = PosingOptions()
 
 
 def fit_points(model: BodyModel, points: Table) -> Bodies:

@@ -10,8 +10,7 @@ from ..papers.virtual_occlusions.labelling import Rules
 from .matching import Expected
 
 
-@dataclass(frozen=True)
-class LinkingOptions:
+class LINKING:
     """How markers move, so far as it links points, beside what `MARKER_LIMITS` says."""
 
     # by which the velocity of a trajectory that has just begun may differ from its neighbours'
@@ -24,9 +23,6 @@ class LinkingOptions:
     settled_points: int = 6  # measured: of a trajectory after which its velocity counts for others, on the same take
     # within which a trajectory that begins moves as those around it do, on the same take
     neighbour_m: float = 0.4  # measured
-
-
-LINKING = LinkingOptions()
 
 
 @dataclass(eq=False)

@@ -20,8 +20,7 @@ CELLS = 32  # along each axis of an image, over and over: what shares a cell may
 CHOOSING_ROUNDS = 40  # of choosing hypotheses; few are left after five
 
 
-@dataclass(frozen=True)
-class MatchingOptions:
+class MATCHING:
     """Which blobs are taken to be one marker's, beside how far `Rules` lets them be off.
 
     Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most.
@@ -32,9 +31,6 @@ class MatchingOptions:
     max_blur_m: float = 0.02  # measured: standard deviation along its worst axis of a point; one less certain is none
     # log likelihood by which a point of two rays must lead any other use of its blobs, as half a square does
     min_lead: float = Rules.min_lead / 2
-
-
-MATCHING = MatchingOptions()
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ MATCHED_FRAMES = 2  # measured: more of them lose points of two rays that begin
 LEARNING_FRAMES = 4  # of the first chunk that the circumstances are learned from, half of them first
 
 
-@dataclass(frozen=True)
-class ReconstructionOptions:
+class RECONSTRUCTION:
     """How a capture's circumstances are learned.
 
     Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most; of `max_seen`
@@ -36,9 +35,6 @@ class ReconstructionOptions:
     max_seen: float = 0.7  # measured: most, which is assumed before anything is seen
     min_ghosts: float = 0.2  # measured: a frame, in every camera
     new_share: float = 0.3  # measured: of what a chunk shows in what is believed from then on
-
-
-RECONSTRUCTION = ReconstructionOptions()
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,26 +12,22 @@ from ..posing.character import Character, character_of, toes_of
 
 @dataclass(frozen=True, eq=False)
 class Moving:
-    """The body of a take as it was posed.
-
-    rate    Hz, and of what smooths it `cutoff`, None where it is not smoothed
-    segments, parents  of its J joints, -1 for the root
-    begins, ends  (J, 3) m where the bones of its own armature begin and end at rest
-    frames  (F,) Blender's
-    joints, rotations  (F, J, 3) m and (F, J, 3, 3), NaN where nobody was found
-    place    (4, 4) from the room to where it is shown: turned, moved and evenly scaled
-    """
+    """The body of a take as it was posed."""
 
     name: str
-    rate: float
+    rate: float  # Hz, and of what smooths it `cutoff`, None where it is not smoothed
     cutoff: float | None
+    # of its J joints, -1 for the root
     segments: tuple[str, ...]
     parents: tuple[int, ...]
+    # (J, 3) m where the bones of its own armature begin and end at rest
     begins: np.ndarray
     ends: np.ndarray
-    frames: np.ndarray
+    frames: np.ndarray  # (F,) Blender's
+    # (F, J, 3) m and (F, J, 3, 3), NaN where nobody was found
     joints: np.ndarray
     rotations: np.ndarray
+    # (4, 4) from the room to where it is shown: turned, moved and evenly scaled
     place: np.ndarray = field(default_factory=lambda: np.eye(4))
 
     def with_toes(self) -> "Moving":

@@ -32,21 +32,15 @@ Pits = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Footing:
-    """What planted feet of a rig go by.
+    """What planted feet of a rig go by."""
 
-    scale   how much larger the rig's legs are than the body's
-    floor   m, how high the rig's floor is at rest
-    fade    in how many frames a change that they need comes and goes
-    plants  in which frames (K,) the body's foot of each side is planted, and how high (K,) m the lower one of its heel
-            and ball is over the floor that it stands on
-    pits    how deep (F,) m the ball of that foot is where no floor is
-    """
-
-    scale: float
-    floor: float
-    fade: int
+    scale: float  # how much larger the rig's legs are than the body's
+    floor: float  # m, how high the rig's floor is at rest
+    fade: int  # in how many frames a change that they need comes and goes
+    # in which frames (K,) the body's foot of each side is planted, and how high (K,) m the lower one of its heel and
+    # ball is over the floor that it stands on
     plants: Plants
-    pits: Pits
+    pits: Pits  # how deep (F,) m the ball of that foot is where no floor is
 
 
 @dataclass(frozen=True, eq=False)

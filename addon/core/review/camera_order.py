@@ -7,7 +7,6 @@ others beyond chance is the one statistic of calibration health, and `min_meetin
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
@@ -16,8 +15,7 @@ from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..geometry.cameras import Cameras
 
 
-@dataclass(frozen=True)
-class HealthOptions:
+class CAMERA_HEALTH:
     """When something is said of cameras. Virtual rooms have ghosts, dropouts and errors of calibration."""
 
     enough: int = 100  # measured: blobs or markers before anything is said of them: of 100 a share is known to 5 %
@@ -35,9 +33,6 @@ class HealthOptions:
     # cameras that are tried under each other's names: 12 take seconds, 24 would take minutes
     max_tried: int = 12  # measured
     frames: int = 40  # memory: of a take that are looked at, spread over it
-
-
-CAMERA_HEALTH = HealthOptions()
 
 
 def near_image(cameras: Cameras) -> np.ndarray:

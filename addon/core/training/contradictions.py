@@ -16,35 +16,25 @@ from ..review.camera_order import cycles_of
 from .spread import some_of
 
 
-@dataclass(frozen=True)
-class ContradictionOptions:
-    """When two markers of a take have each other's names.
+class CONTRADICTING:
+    """When two markers of a take have each other's names."""
 
-    lead_sd  sizes, that leads of the same subject differ by between takes; physical: 1 % of a body, as skin gives.
-             Twice as much loses one of the nine exchanges at McGill, half as much none
-    pairs    the likeliest ones, which are tried alone and two at a time; measured: 12 and 24 find the same at McGill
-    better   part of its squared deviations that may be left of an exchange; measured: 0.5 and 0.8 find all nine at
-             McGill and nothing else, 0.2 five
-    """
-
-    lead_sd: float = 0.01
-    pairs: int = 12
-    better: float = 0.5
-
-
-CONTRADICTING = ContradictionOptions()
+    # sizes, that leads of the same subject differ by between takes; physical: 1 % of a body, as skin gives. Twice as
+    # much loses one of the nine exchanges at McGill, half as much none
+    lead_sd: float = 0.01  # physical
+    # the likeliest ones, which are tried alone and two at a time; measured: 12 and 24 find the same at McGill
+    pairs: int = 12  # measured
+    # part of its squared deviations that may be left of an exchange; measured: 0.5 and 0.8 find all nine at McGill and
+    # nothing else, 0.2 five
+    better: float = 0.5  # measured
 
 
 @dataclass(frozen=True, eq=False)
 class Leads:
-    """How much farther marker a is from c than b is, over the frames of a take, in sizes of the subject.
+    """How much farther marker a is from c than b is, over the frames of a take, in sizes of the subject."""
 
-    mean  (M, M, M) by a, b and c; NaN where the three were never seen together
-    var   (M, M, M) its variance
-    """
-
-    mean: np.ndarray
-    var: np.ndarray
+    mean: np.ndarray  # (M, M, M) by a, b and c; NaN where the three were never seen together
+    var: np.ndarray  # (M, M, M) its variance
 
 
 def leads(points: np.ndarray) -> Leads:

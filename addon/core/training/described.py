@@ -6,7 +6,7 @@ of it. What the markers do is shown by made-up people, who differ and move as re
 """
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -74,21 +74,15 @@ OFF_AXIS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class DescribingOptions:
-    """How a described set is learned.
+class DESCRIBING:
+    """How a described set is learned."""
 
-    people        made-up people whose frames are learned from; measured: 24 name strangers in Plug-in Gait as 12 do
-    landmark_sd   heights, by which a landmark is missed at least; measured: ankles between labs are 6 to 8 mm apart
-    anywhere_sd   heights, the same of a place between landmarks; measured: thighs, shanks and forearms 23 to 36 mm
-    """
-
-    people: int = 12
-    landmark_sd: float = 0.004
-    anywhere_sd: float = 0.017
-
-
-DESCRIBING = DescribingOptions()
+    # made-up people whose frames are learned from; measured: 24 name strangers in Plug-in Gait as 12 do
+    people: int = 12  # learned
+    # heights, by which a landmark is missed at least; measured: ankles between labs are 6 to 8 mm apart
+    landmark_sd: float = 0.004  # measured
+    # heights, the same of a place between landmarks; measured: thighs, shanks and forearms 23 to 36 mm
+    anywhere_sd: float = 0.017  # measured
 
 
 def described(layout: Layout, bodies: Sequence[MarkerSet]) -> MarkerSet:

@@ -24,27 +24,18 @@ from .poses import posed_bodies, poses_of, with_mirrored
 from .spread import SPREAD, some_of
 
 
-@dataclass(frozen=True)
-class ImaginingOptions:
-    """How frames are made up.
+class IMAGINING:
+    """How frames are made up."""
 
-    frames         of each made-up subject; memory: a walk of three seconds
-    link_sd_rad    that links of what is no person bend; measured on a hand and a rat learned from a frame: twice as
-                   much names 81 % of the hand, four times as much 57 %, nothing wrong
-    people         made-up bodies of who is shown in one pose, or beside few who were recorded; memory
-    wider          times the spread of sizes, limbs and marker places that a body was learned with: its people show less
-                   than there is; measured on walkers of whom neither body nor model was learned
-    joint_sd_m     how well a body laid into a frame shows where the joints are; physical: 1 cm
-    """
-
-    frames: int = 300
-    link_sd_rad: float = 0.1
-    people: int = 4
-    wider: float = 1.25
-    joint_sd_m: float = 0.01
-
-
-IMAGINING = ImaginingOptions()
+    frames: int = 300  # of each made-up subject; memory: a walk of three seconds
+    # that links of what is no person bend; measured on a hand and a rat learned from a frame: twice as much names 81 %
+    # of the hand, four times as much 57 %, nothing wrong
+    link_sd_rad: float = 0.1  # measured
+    people: int = 4  # made-up bodies of who is shown in one pose, or beside few who were recorded; memory
+    # times the spread of sizes, limbs and marker places that a body was learned with: its people show less than there
+    # is; measured on walkers of whom neither body nor model was learned
+    wider: float = 1.25  # learned
+    joint_sd_m: float = 0.01  # how well a body laid into a frame shows where the joints are; physical: 1 cm
 
 
 def shows_poses(points: np.ndarray) -> bool:

@@ -37,36 +37,26 @@ HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of h
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
 
 
-@dataclass(frozen=True)
-class LayingOptions:
-    """How a body is laid into a cloud of points.
+class LAYING:
+    """How a body is laid into a cloud of points."""
 
-    starts     so many of the likeliest are fitted; measured: 10 to 80 lay the same into walkers of McGill
-    gates      heights, from the first round to the last, how near a point must be to be a marker's; measured: 0.1
-               to 0.4 at first and 0.025 at last lay the same into walkers of McGill, 0.1 at last no other set
-    max_off    heights, how far they may be off each other in the mean; measured: 0.007 to 0.014 for people in other
-               sets, without arms' markers or a foot; 0.018 for a hand's points, 0.021 for somebody who kneels
-    """
-
-    starts: int = 20
-    gates: tuple[float, float] = (0.2, 0.05)
-    max_off: float = 0.016
-
-
-LAYING = LayingOptions()
+    starts: int = 20  # so many of the likeliest are fitted; measured: 10 to 80 lay the same into walkers of McGill
+    # heights, from the first round to the last, how near a point must be to be a marker's; measured: 0.1 to 0.4 at
+    # first and 0.025 at last lay the same into walkers of McGill, 0.1 at last no other set
+    gates: tuple[float, float] = (0.2, 0.05)  # measured
+    # heights, how far they may be off each other in the mean; measured: 0.007 to 0.014 for people in other sets,
+    # without arms' markers or a foot; 0.018 for a hand's points, 0.021 for somebody who kneels
+    max_off: float = 0.016  # measured
 
 
 @dataclass(frozen=True, eq=False)
 class LaidBody:
-    """A body and which of its markers each of M markers is like.
-
-    place  (M,) index of the body's marker, -1 for none
-    off    heights, how far body's and frame's markers are off each other in the mean: those of the body alone by a
-           whole gate, those of the frame alone by how far they are off its skin, or a whole gate
-    """
+    """A body and which of its markers each of M markers is like."""
 
     body: MarkerSet
-    place: np.ndarray
+    place: np.ndarray  # (M,) index of the body's marker, -1 for none
+    # heights, how far body's and frame's markers are off each other in the mean: those of the body alone by a whole
+    # gate, those of the frame alone by how far they are off its skin, or a whole gate
     off: float
 
 

@@ -37,22 +37,16 @@ from .takes import LabelledTake, contradicted, gathered, of_markers, subject_row
 from .transfer import known_body, settled, transferred
 
 
-@dataclass(frozen=True)
-class PeopleOptions:
-    """When a take is a person's.
+class PEOPLE:
+    """When a take is a person's."""
 
-    max_off      heights, how far markers may be from where the body has them, in the mean of their medians; measured:
-                 0.0002 to 0.006 for walkers, actors and players whose names nobody knew, 0.010 to 0.020 for nine of ten
-                 bodies laid over plates
-    max_unusual  how far poses and shape may be from those of people, in squares of standard deviations; measured: of
-                 people who fence, dance and crawl up to 150 were seen, of left taken for right 400
-    """
-
-    max_off: float = 0.008
-    max_unusual: float = 200.0
-
-
-PEOPLE = PeopleOptions()
+    # heights, how far markers may be from where the body has them, in the mean of their medians; measured: 0.0002 to
+    # 0.006 for walkers, actors and players whose names nobody knew, 0.010 to 0.020 for nine of ten bodies laid over
+    # plates
+    max_off: float = 0.008  # measured
+    # how far poses and shape may be from those of people, in squares of standard deviations; measured: of people who
+    # fence, dance and crawl up to 150 were seen, of left taken for right 400
+    max_unusual: float = 200.0  # measured
 
 
 def person_in(
@@ -94,25 +88,18 @@ TRAINING_SHARES = {"compare": 0.04, "body": 0.05, "likelihood": 0.1, "partial_so
 
 @dataclass(frozen=True)
 class TrainingOptions:
-    """What a model is to be.
+    """What a model is to be."""
 
-    name           its marker set's
-    hit_rate       asked of the partial solvers
-    search         how those are found, "none" for none: `train_solvers` finds them later, in what the model keeps
-    functions      the geometric functions that they are made of
-    keep           keep frames of the takes in the model, so that it can be trained on
-    max_markers    beyond, partial solvers are found only when a search is asked for; measured: 15 take 63 s of a core
-                   (results/partial_training.json), and many more there are of twice as many
-    solver_frames  that partial solvers are trained on, of all subjects together; memory
-    """
-
-    name: str
-    hit_rate: float = Boosting.accuracy
+    name: str  # its marker set's
+    hit_rate: float = Boosting.accuracy  # asked of the partial solvers
+    # how those are found, "none" for none: `train_solvers` finds them later, in what the model keeps
     search: str = "none"
-    functions: tuple[str, ...] = FUNCTIONS
-    keep: bool = True
-    max_markers: int = 40
-    solver_frames: int = 6000
+    functions: tuple[str, ...] = FUNCTIONS  # the geometric functions that they are made of
+    keep: bool = True  # keep frames of the takes in the model, so that it can be trained on
+    # beyond, partial solvers are found only when a search is asked for; measured: 15 take 63 s of a core
+    # (results/partial_training.json), and many more there are of twice as many
+    max_markers: int = 40  # measured
+    solver_frames: int = 6000  # that partial solvers are trained on, of all subjects together; memory
 
 
 MAX_RESIDUAL_M = 0.03  # of a marker on a posed body: bones and skin move by less, so it is off the body or is two
@@ -120,24 +107,15 @@ MAX_RESIDUAL_M = 0.03  # of a marker on a posed body: bones and skin move by les
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """What came of a training.
+    """What came of a training."""
 
-    model           trained; its `source` says which takes
-    training_takes  what it was trained on, also where the model does not keep them
-    replaced        what an earlier model kept of takes that were given again with other labels
-    body            how the body was found, for people to read
-    residual        (M,) m, how far each marker is from where the posed body has it; NaN where not known
-    doubts          what a person should know of takes and model, in sentences
-    seconds         that each part took
-    """
-
-    model: Model
-    training_takes: tuple[TrainingTake, ...]
-    replaced: tuple[TrainingTake, ...]
-    body: str
-    residual: np.ndarray
-    doubts: tuple[str, ...]
-    seconds: dict[str, float]
+    model: Model  # trained; its `source` says which takes
+    training_takes: tuple[TrainingTake, ...]  # what it was trained on, also where the model does not keep them
+    replaced: tuple[TrainingTake, ...]  # what an earlier model kept of takes that were given again with other labels
+    body: str  # how the body was found, for people to read
+    residual: np.ndarray  # (M,) m, how far each marker is from where the posed body has it; NaN where not known
+    doubts: tuple[str, ...]  # what a person should know of takes and model, in sentences
+    seconds: dict[str, float]  # that each part took
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,52 +18,36 @@ from ..points.rigid_bodies.model import distance_tables
 from .spread import SPREAD, TAIL_SDS, TAILS, full_frames, some_of
 
 
-@dataclass(frozen=True)
-class SegmentOptions:
-    """How a skeleton is found from the motion of markers.
+class SEGMENTING:
+    """How a skeleton is found from the motion of markers."""
 
-    max_rigid_sd   of the subject's size: distances that vary less, in the mean over a group, are a segment's; physical:
-                   12 mm of an adult, as skin moves on a bone
-    min_flatness   of a segment's length; physical: markers nearer to one line do not show how it turns
-    upright        of the highest reach, and of the most markers, has the frame of the rest pose; measured: with 0.9 the
-                   joints of a made-up leg are 28 mm off, with 0.98 9 mm, with this 2 mm
-    joint_pull     how strongly a joint is drawn towards the markers of both segments where nothing moves; measured: a
-                   quarter of it leaves those joints 8 mm off
-    body_share     of the distance from a segment's axis to its markers is body; physical: they stand off the skin
-    min_radius     heights, of a capsule; physical: a finger's
-    height_sd      of the height, that other subjects differ by; physical: adults by 6 %, with children 10 %
-    heights_m      of a subject at least and at most; format: of a marker set's file
-    """
-
-    max_rigid_sd: float = 0.007
-    min_flatness: float = 0.05
-    upright: float = 0.95
-    joint_pull: float = 0.02
-    body_share: float = 0.8
-    min_radius: float = 0.008
-    height_sd: float = 0.1
-    heights_m: tuple[float, float] = (0.3, 3.0)
-
-
-SEGMENTING = SegmentOptions()
+    # of the subject's size: distances that vary less, in the mean over a group, are a segment's; physical: 12 mm of an
+    # adult, as skin moves on a bone
+    max_rigid_sd: float = 0.007  # physical
+    min_flatness: float = 0.05  # of a segment's length; physical: markers nearer to one line do not show how it turns
+    # of the highest reach, and of the most markers, has the frame of the rest pose; measured: with 0.9 the joints of a
+    # made-up leg are 28 mm off, with 0.98 9 mm, with this 2 mm
+    upright: float = 0.95  # measured
+    # how strongly a joint is drawn towards the markers of both segments where nothing moves; measured: a quarter of it
+    # leaves those joints 8 mm off
+    joint_pull: float = 0.02  # measured
+    # of the distance from a segment's axis to its markers is body; physical: they stand off the skin
+    body_share: float = 0.8  # physical
+    min_radius: float = 0.008  # heights, of a capsule; physical: a finger's
+    height_sd: float = 0.1  # of the height, that other subjects differ by; physical: adults by 6 %, with children 10 %
+    heights_m: tuple[float, float] = (0.3, 3.0)  # of a subject at least and at most; format: of a marker set's file
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """How M markers move in F frames of one or more subjects.
+    """How M markers move in F frames of one or more subjects."""
 
-    members  indices of the markers of each of J segments, the root first, parents before children
-    parents  (J,) -1 for the root
-    joints   (J, 3) where each segment meets its parent in the rest pose; the root's is its middle
-    shape    (M, 3) the markers in the rest pose
-    turns    (F, J, 3, 3) rotation of each segment against the rest pose, NaN where too few markers are seen
-    """
-
+    # indices of the markers of each of J segments, the root first, parents before children
     members: tuple[tuple[int, ...], ...]
-    parents: np.ndarray
-    joints: np.ndarray
-    shape: np.ndarray
-    turns: np.ndarray
+    parents: np.ndarray  # (J,) -1 for the root
+    joints: np.ndarray  # (J, 3) where each segment meets its parent in the rest pose; the root's is its middle
+    shape: np.ndarray  # (M, 3) the markers in the rest pose
+    turns: np.ndarray  # (F, J, 3, 3) rotation of each segment against the rest pose, NaN where too few markers are seen
 
 
 def segment_markerset(subjects: Sequence[np.ndarray], markers: Sequence[str], name: str) -> MarkerSet:

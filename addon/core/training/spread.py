@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every step of training goes by: how much of a subject is looked at, and how far other subjects are from it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..data.takes import evenly_spread
@@ -11,24 +9,17 @@ MAJORITY = 0.5  # of the markers that a frame shows, of the names that are known
 TAILS, TAIL_SDS = 0.1, 2.563  # part of a normal distribution at either end, and standard deviations between the two
 
 
-@dataclass(frozen=True)
-class SpreadOptions:
-    """What several steps of training share.
+class SPREAD:
+    """What several steps of training share."""
 
-    frames       of a subject that a step looks at, spread over its takes; measured: with 60 to 240 of the known poses
-                 the same bodies are laid into the walkers of McGill
-    marker_sd    heights, that markers of the same name sit elsewhere on somebody else; physical: 17 mm of an adult,
-                 between laboratories it is 12 to 14 mm, on thighs and arms more
-    bend_sd_rad  that joints bend beyond what was recorded; measured on four actors, the body of each learned from the
-                 others
-    """
-
-    frames: int = 120
-    marker_sd: float = 0.01
-    bend_sd_rad: float = 0.2
-
-
-SPREAD = SpreadOptions()
+    # of a subject that a step looks at, spread over its takes; measured: with 60 to 240 of the known poses the same
+    # bodies are laid into the walkers of McGill
+    frames: int = 120  # measured
+    # heights, that markers of the same name sit elsewhere on somebody else; physical: 17 mm of an adult, between
+    # laboratories it is 12 to 14 mm, on thighs and arms more
+    marker_sd: float = 0.01  # physical
+    # that joints bend beyond what was recorded; measured on four actors, the body of each learned from the others
+    bend_sd_rad: float = 0.2  # measured
 
 
 def some_of(points: np.ndarray) -> np.ndarray:

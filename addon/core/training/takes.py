@@ -19,37 +19,23 @@ from .spread import MAJORITY
 CELLS_A_SIDE = 1 << 20  # so many cells of space along an axis have a number of their own
 
 
-@dataclass(frozen=True)
-class KeepingOptions:
-    """What goes together and what is kept.
+class KEEPING:
+    """What goes together and what is kept."""
 
-    max_size_ratio     of a take to the others, and of them to it; physical: people differ by two, units by ten
-    considered_frames  spread over a subject's takes, of which those are chosen; memory
-    """
-
-    max_size_ratio: float = 5.0
-    considered_frames: int = 4000
-
-
-KEEPING = KeepingOptions()
+    # of a take to the others, and of them to it; physical: people differ by two, units by ten
+    max_size_ratio: float = 5.0  # physical
+    considered_frames: int = 4000  # spread over a subject's takes, of which those are chosen; memory
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledTake:
-    """One labelled take.
+    """One labelled take."""
 
-    name     of its file
-    subject  the id of whose it is
-    names    P, every marker once
-    xyz      (T, P, 3) m, NaN where missing
-    doubts   what is doubtful in it, in sentences
-    """
-
-    name: str
-    subject: str
-    names: tuple[str, ...]
-    xyz: np.ndarray
-    doubts: tuple[str, ...] = ()
+    name: str  # of its file
+    subject: str  # the id of whose it is
+    names: tuple[str, ...]  # P, every marker once
+    xyz: np.ndarray  # (T, P, 3) m, NaN where missing
+    doubts: tuple[str, ...] = ()  # what is doubtful in it, in sentences
 
 
 def learnable(xyz: np.ndarray, doubtful: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, tuple[str, ...]]:

@@ -37,15 +37,11 @@ class Parameter:
 
 @dataclass(frozen=True)
 class C3dRecord:
-    """A group, which has no parameter, or a parameter as the section has it.
+    """A group, which has no parameter, or a parameter as the section has it."""
 
-    head         length of its name, group and name as bytes
-    description  what stands behind it
-    """
-
-    head: bytes
+    head: bytes  # length of its name, group and name as bytes
     parameter: Parameter | None
-    description: bytes
+    description: bytes  # what stands behind it
 
 
 class C3dFile:
@@ -190,25 +186,16 @@ SIXTEEN_BITS = 65535
 
 @dataclass(frozen=True)
 class FileLayout:
-    """What lies where in the file.
+    """What lies where in the file."""
 
-    start   byte at which the data begin
-    points  points in a frame
-    analog  words of analog data in a frame, behind the points
-    frames  number of frames
-    first   number of the first frame
-    left    bytes behind the last frame, up to rotations where there are some
-    notes   what of all that departs from what the file says, in sentences
-    turns   byte at which the rotations begin, and how many reals of them there are in a frame; 0 without any
-    """
-
-    start: int
-    points: int
-    analog: int
-    frames: int
-    first: int
-    left: int
-    notes: tuple[str, ...]
+    start: int  # byte at which the data begin
+    points: int  # points in a frame
+    analog: int  # words of analog data in a frame, behind the points
+    frames: int  # number of frames
+    first: int  # number of the first frame
+    left: int  # bytes behind the last frame, up to rotations where there are some
+    notes: tuple[str, ...]  # what of all that departs from what the file says, in sentences
+    # byte at which the rotations begin, and how many reals of them there are in a frame; 0 without any
     turns: tuple[int, int] = (0, 0)
 
     @property
@@ -389,21 +376,14 @@ _COMPUTED = re.compile(r"[LR]?[HKASEW]JC\w*|cent(?:re|er)ofmass\w*", re.IGNORECA
 
 @dataclass(frozen=True, eq=False)
 class TrialFile:
-    """The C3D file that a take came from, for writing all of it that is not the take's markers into the named one.
-
-    state   of the file when it was read
-    layout  where its samples lie
-    others  (K,) which of its points are no markers
-    metre   of one of its units, and
-    turn    (3, 3) its axes to ours: how the take was read
-    """
+    """The C3D file that a take came from, for writing all of it that is not the take's markers into the named one."""
 
     path: Path
-    state: tuple[int, int]
-    layout: FileLayout
-    others: np.ndarray
-    metre: float = 1.0
-    turn: np.ndarray | None = None
+    state: tuple[int, int]  # of the file when it was read
+    layout: FileLayout  # where its samples lie
+    others: np.ndarray  # (K,) which of its points are no markers
+    metre: float = 1.0  # of one of its units, and
+    turn: np.ndarray | None = None  # (3, 3) its axes to ours: how the take was read
 
 
 @contextmanager

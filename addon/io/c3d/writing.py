@@ -145,16 +145,11 @@ def write_c3d_file(
 
 @dataclass(frozen=True)
 class Units:
-    """What the places of a file are in.
+    """What the places of a file are in."""
 
-    per_metre  units in a metre
-    scale      of whole numbers; below zero for reals, and then a step of residuals
-    turn       (3, 3) what turns our axes, z up, into the file's
-    """
-
-    per_metre: float = MILLIMETRES
-    scale: float = -RESIDUAL_STEP
-    turn: np.ndarray | None = None
+    per_metre: float = MILLIMETRES  # units in a metre
+    scale: float = -RESIDUAL_STEP  # of whole numbers; below zero for reals, and then a step of residuals
+    turn: np.ndarray | None = None  # (3, 3) what turns our axes, z up, into the file's
 
     def places(self, xyz: np.ndarray) -> np.ndarray:
         """Places (…, 3) m as the file has them; whole numbers are not rounded yet."""

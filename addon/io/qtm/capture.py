@@ -32,21 +32,16 @@ MAX_CAMERA_TURN = 1e-6  # by which a stored rotation may differ from one: they h
 
 @dataclass(frozen=True, eq=False)
 class QtmCamera:
-    """One camera of a capture.
+    """One camera of a capture."""
 
-    name         its serial number, as calibrations name it
-    calibration  where it stands and how it sees; None where the file does not say, and the `trouble` with it, "is …"
-    number       of the data series of its blobs
-    ranges       (N, 2) first and last frames, both included, that these are of
-    seen         whether there are any: of video cameras there are none
-    """
-
-    name: str
+    name: str  # its serial number, as calibrations name it
+    # where it stands and how it sees; None where the file does not say, and the `trouble` with it, "is …"
     calibration: RigCamera | None
     trouble: str = ""
-    number: int = -1
+    number: int = -1  # of the data series of its blobs
+    # (N, 2) first and last frames, both included, that these are of
     ranges: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int64))
-    seen: bool = False
+    seen: bool = False  # whether there are any: of video cameras there are none
 
 
 def read_camera(container: Container, number: int) -> QtmCamera:
@@ -234,21 +229,14 @@ def is_qtm(path: Path) -> bool:
 
 @dataclass(frozen=True)
 class CaptureHolds:
-    """What a capture holds.
+    """What a capture holds."""
 
-    cameras      names of those that recorded blobs, and
-    calibrated   of those of them that have a calibration
-    labelled     how many trajectories have a label, and
-    unlabelled   how many have none
-    rate         frames a second of the blobs, None where it is not said
-    first, last  frame of the blobs
-    """
-
-    cameras: tuple[str, ...]
-    calibrated: tuple[str, ...]
-    labelled: int
-    unlabelled: int
-    rate: float | None
+    cameras: tuple[str, ...]  # names of those that recorded blobs, and
+    calibrated: tuple[str, ...]  # of those of them that have a calibration
+    labelled: int  # how many trajectories have a label, and
+    unlabelled: int  # how many have none
+    rate: float | None  # frames a second of the blobs, None where it is not said
+    # first and last frame of the blobs
     first: int = 0
     last: int = 0
 

@@ -42,18 +42,12 @@ def believed(rate: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class StreamFrame:
-    """One frame of a stream, as it came.
+    """One frame of a stream, as it came."""
 
-    number   the sender's own
-    seconds  when it was taken, by the sender's clock; NaN where it does not say
-    points   (P, 3) m, z up: all that were seen, whether the sender names them or not
-    ids      (P,) the sender's numbers of their trajectories, NO_POINT where it has none
-    """
-
-    number: int
-    seconds: float
-    points: np.ndarray
-    ids: np.ndarray
+    number: int  # the sender's own
+    seconds: float  # when it was taken, by the sender's clock; NaN where it does not say
+    points: np.ndarray  # (P, 3) m, z up: all that were seen, whether the sender names them or not
+    ids: np.ndarray  # (P,) the sender's numbers of their trajectories, NO_POINT where it has none
 
 
 class LiveStream(ABC):

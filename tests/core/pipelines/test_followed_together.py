@@ -191,7 +191,7 @@ def test_a_chunk_too_short_to_look_beside_a_frame_goes_by_that_frame_alone(shot,
 
 def test_a_rate_that_cannot_be_is_refused_unless_it_is_forced(shot, model, monkeypatch):
     asked = SeveralOptions(model, 2)
-    monkeypatch.setattr(possible, "POSSIBLE", replace(possible.POSSIBLE, gravities=0.01))
+    monkeypatch.setattr(possible.POSSIBLE, "gravities", 0.01)
     with pytest.raises(ForceableError, match="a rate that cannot be"):
         labelled(shot[0], asked)
     assert isinstance(labelled(shot[0], asked, force=True), FollowedTogether)

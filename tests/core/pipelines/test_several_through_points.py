@@ -15,7 +15,6 @@ from addon.core.pipelines.fitted_subjects import FollowedSubjects
 from addon.core.pipelines.others import OtherSubjects, refuse_two
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_by_points
 from addon.core.points.refusals import SubjectsError
-from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.simulation.simulate import CaptureOptions
@@ -52,7 +51,7 @@ def labelled(shot, found):
 
 def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way(shot, model, monkeypatch):
     blobs, truth = shot
-    monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))  # the set's model knows neither
+    monkeypatch.setattr(IDENTIFICATION, "lead", -1.0)  # the set's model knows neither
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
     found = label(label_by_points, blobs, asked)
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
@@ -80,7 +79,7 @@ def test_as_many_as_are_asked_for_have_names_and_others_are_in_the_way(shot, mod
 
 def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
     blobs, truth = shot
-    monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))
+    monkeypatch.setattr(IDENTIFICATION, "lead", -1.0)
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
     names, _ = named(label(label_by_points, blobs, asked), blobs)
     hers = max("12", key=lambda one: ((names != "") & truth_of(truth, one)).sum())

@@ -40,7 +40,7 @@ def trained(known, take):
     names = tuple(map(named, range(take.shape[1])))
     shown = LabelledTake("one.c3d", "ann", names, take[FRAME : FRAME + 1])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=100))
+        patch.setattr(learn.LEARN, "max_frames", 100)
         return finished(train([shown], names, TrainingOptions("ann", search="none"), None, known))
 
 
@@ -126,7 +126,7 @@ def test_who_stood_still_moves_as_it_was_made_up(trained):
 
 
 def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
-    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=40))
+    monkeypatch.setattr(learn.LEARN, "max_frames", 40)
     names = open_markerset("body26").markers
     on_skin = take[::6] + np.random.default_rng(6).normal(0, 0.008, take[::6].shape)
     shown = LabelledTake("walk.c3d", "ann", names, on_skin)
@@ -139,7 +139,7 @@ def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
 @pytest.mark.parametrize("frames", [1, 9])
 def test_a_few_frames_of_what_is_no_person_name_it_bent(known, monkeypatch, frames):
     """A chain of ten markers that winds: no body fits, and neighbours keep their distances."""
-    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=60))
+    monkeypatch.setattr(learn.LEARN, "max_frames", 60)
     names, lengths = tuple(map(named, range(10))), 0.05 + 0.02 * (np.arange(10) % 4)
     angle = np.cumsum(0.25 * np.sin(np.linspace(0, 4, 60)[:, None] + np.arange(10)), axis=1)
     chain = np.cumsum(np.stack([lengths * np.cos(angle), lengths * np.sin(angle), 0.3 * angle * lengths], -1), axis=1)

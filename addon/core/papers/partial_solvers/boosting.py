@@ -18,26 +18,19 @@ VALUES_ONCE = 4_000_000  # of features in memory at once
 
 @dataclass(frozen=True)
 class Boosting:
-    """How strong classifiers are chosen.
+    """How strong classifiers are chosen."""
 
-    accuracy    paper, 3.3: share of the wrong labellings that the strong classifier must reject before it is done
-    period      paper, 3.3: wrong labellings presented between two additions to it
-    """
-
-    accuracy: float = 0.9999
-    period: int = 16
+    # paper, 3.3: share of the wrong labellings that the strong classifier must reject before it is done
+    accuracy: float = 0.9999  # paper
+    period: int = 16  # paper, 3.3: wrong labellings presented between two additions to it
 
 
 @dataclass(frozen=True, eq=False)
 class WrongLabellings:
-    """K labellings of whole frames with some markers exchanged.
+    """K labellings of whole frames with some markers exchanged."""
 
-    frame     (K,) the frame
-    labelling (K, M) the point that each marker is given; right where it is the marker's own index
-    """
-
-    frame: np.ndarray
-    labelling: np.ndarray
+    frame: np.ndarray  # (K,) the frame
+    labelling: np.ndarray  # (K, M) the point that each marker is given; right where it is the marker's own index
 
     def __len__(self) -> int:
         return len(self.frame)

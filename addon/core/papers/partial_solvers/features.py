@@ -51,18 +51,12 @@ def _padded(rows: np.ndarray, domain: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """What every feature of T clouds of P points is made of.
+    """What every feature of T clouds of P points is made of."""
 
-    distance  (T, P, P) m
-    height    (T, P, P) m, how much higher the first is than the second
-    ground    (T, P, 2) m, where the points are seen from above
-    present   (T, P) False where a point is missing (its rows and columns are NaN)
-    """
-
-    distance: np.ndarray
-    height: np.ndarray
-    ground: np.ndarray
-    present: np.ndarray
+    distance: np.ndarray  # (T, P, P) m
+    height: np.ndarray  # (T, P, P) m, how much higher the first is than the second
+    ground: np.ndarray  # (T, P, 2) m, where the points are seen from above
+    present: np.ndarray  # (T, P) False where a point is missing (its rows and columns are NaN)
 
 
 def tables(points: np.ndarray) -> Tables:

@@ -20,16 +20,11 @@ DOMAIN = (3, 2, 4, 2, 3)
 
 @dataclass(frozen=True, eq=False)
 class Classifiers:
-    """F weak classifiers: each accepts a labelling when its feature lies in a closed interval (equation 1).
+    """F weak classifiers: each accepts a labelling when its feature lies in a closed interval (equation 1)."""
 
-    kind    (F,) index into FUNCTIONS
-    points  (F, 4) markers in the function's order, NO_POINT beyond its domain
-    low     (F,) α, and high (F,) β: rad, m, pure number, m, pure number
-    """
-
-    kind: np.ndarray
-    points: np.ndarray
-    low: np.ndarray
+    kind: np.ndarray  # (F,) index into FUNCTIONS
+    points: np.ndarray  # (F, 4) markers in the function's order, NO_POINT beyond its domain
+    low: np.ndarray  # (F,) α, and high (F,) β: rad, m, pure number, m, pure number
     high: np.ndarray
 
     def __len__(self) -> int:
@@ -48,14 +43,10 @@ class Classifiers:
 
 @dataclass(frozen=True, eq=False)
 class Strong:
-    """A strong classifier φ (equation 2): which weak classifiers of a pool vote, and with what weight.
+    """A strong classifier φ (equation 2): which weak classifiers of a pool vote, and with what weight."""
 
-    chosen   (J,) rows of the pool, in the order in which boosting added them
-    weights  (J,) weight each had gathered when it was added
-    """
-
-    chosen: np.ndarray
-    weights: np.ndarray
+    chosen: np.ndarray  # (J,) rows of the pool, in the order in which boosting added them
+    weights: np.ndarray  # (J,) weight each had gathered when it was added
 
     def __len__(self) -> int:
         return len(self.chosen)
@@ -75,18 +66,12 @@ class Strong:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """How a solver did on samples whose truth is known, marker by marker of its subset.
+    """How a solver did on samples whose truth is known, marker by marker of its subset."""
 
-    hits      (s,) samples in which the marker got its right point and no other
-    failures  (s,) samples in which it got other points only
-    answers   (s,) samples in which it got any point; what is neither hit nor failure was ambiguous
-    samples   number of samples drawn
-    """
-
-    hits: np.ndarray
-    failures: np.ndarray
-    answers: np.ndarray
-    samples: int
+    hits: np.ndarray  # (s,) samples in which the marker got its right point and no other
+    failures: np.ndarray  # (s,) samples in which it got other points only
+    answers: np.ndarray  # (s,) samples in which it got any point; what is neither hit nor failure was ambiguous
+    samples: int  # number of samples drawn
 
     def __add__(self, other: "Record") -> "Record":
         return Record(
@@ -108,18 +93,12 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Solver:
-    """A partial solver S(C, M_s, φ_s): labels the markers of its subset, all of them or none.
+    """A partial solver S(C, M_s, φ_s): labels the markers of its subset, all of them or none."""
 
-    markers  (s,) indices into the marker set, ascending
-    strong   φ_s
-    record   its hit rates and the counts behind them
-    reached  (s,) True for the markers whose hit rate reaches its target
-    """
-
-    markers: np.ndarray
-    strong: Strong
-    record: Record
-    reached: np.ndarray
+    markers: np.ndarray  # (s,) indices into the marker set, ascending
+    strong: Strong  # φ_s
+    record: Record  # its hit rates and the counts behind them
+    reached: np.ndarray  # (s,) True for the markers whose hit rate reaches its target
 
     def hit_rate(self, marker: int) -> float:
         """P(S, m_i). Raises KeyError for a marker outside the solver's subset: there it is undefined."""
@@ -131,24 +110,15 @@ class Solver:
 
 @dataclass(frozen=True, eq=False)
 class PartialSolvers:
-    """Partial solvers Φ that together cover a marker set.
+    """Partial solvers Φ that together cover a marker set."""
 
-    markers      M names
-    classifiers  the weak classifiers that any solver uses; `Strong.chosen` are rows of it
-    solvers      the partial solvers
-    targets      (M,) τ_i, the hit rate asked of each marker
-    search       how the solvers were found: "bottom-up", "top-down" or "genetic"
-    seed         of everything that was drawn
-    frames       number of labelled frames it was trained on
-    """
-
-    markers: tuple[str, ...]
-    classifiers: Classifiers
-    solvers: tuple[Solver, ...]
-    targets: np.ndarray
-    search: str
-    seed: int
-    frames: int
+    markers: tuple[str, ...]  # M names
+    classifiers: Classifiers  # the weak classifiers that any solver uses; `Strong.chosen` are rows of it
+    solvers: tuple[Solver, ...]  # the partial solvers
+    targets: np.ndarray  # (M,) τ_i, the hit rate asked of each marker
+    search: str  # how the solvers were found: "bottom-up", "top-down" or "genetic"
+    seed: int  # of everything that was drawn
+    frames: int  # number of labelled frames it was trained on
 
     def __len__(self) -> int:
         return len(self.solvers)

@@ -98,19 +98,15 @@ def covering(
 
 @dataclass(frozen=True)
 class Genetics:
-    """The genetic search's meta-parameters.
+    """The genetic search's meta-parameters."""
 
-    population   measured: chromosomes after each die-out; `results/partial_genetics.json` has eleven other settings of
-                 these four
-    generations  measured: die-outs
-    crossover    measured: share of the operations that are crossovers; the others are mutations, of each kind as many
-    die_out      paper, 4.2: share of the population that each die-out removes; as many operations come between two
-    """
-
-    population: int = 48
-    generations: int = 40
-    crossover: float = 0.5
-    die_out: float = 0.25
+    # chromosomes after each die-out; `results/partial_genetics.json` has eleven other settings of these four
+    population: int = 48  # measured
+    generations: int = 40  # measured: die-outs
+    # share of the operations that are crossovers; the others are mutations, of each kind as many
+    crossover: float = 0.5  # measured
+    # paper, 4.2: share of the population that each die-out removes; as many operations come between two
+    die_out: float = 0.25  # paper
 
 
 def crossover(one: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> np.ndarray:

@@ -26,15 +26,13 @@ def newly_judged(classifiers: Classifiers, placed: list[int]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """What is looked up when the marker at one depth gets its point.
+    """What is looked up when the marker at one depth gets its point."""
 
-    pairs  (depth, bounds) of each earlier marker that a two-point classifier judges with it, earlier one first
-    looks  of the three- and four-point classifiers of each kind, what they look up (K, ·) and their bounds (2, K): rows
-           of the `sides` of `PartialLabellings` (of an angle, whose bounds are cosines, those of the angle and the
-           third), before them for turns the depths of the three markers
-    """
-
+    # (depth, bounds) of each earlier marker that a two-point classifier judges with it, earlier one first
     pairs: list[tuple[int, Bounds]]
+    # of the three- and four-point classifiers of each kind, what they look up (K, ·) and their bounds (2, K): rows of
+    # the `sides` of `PartialLabellings` (of an angle, whose bounds are cosines, those of the angle and the third),
+    # before them for turns the depths of the three markers
     looks: dict[int, tuple[np.ndarray, np.ndarray]]
 
 

@@ -33,25 +33,17 @@ SEARCHES = ("bottom-up", "top-down", "genetic")
 
 @dataclass(frozen=True)
 class Training:
-    """How an ensemble is trained.
+    """How an ensemble is trained."""
 
-    search         "bottom-up", "top-down" or "genetic"; each runs once for every marker and asks for its target
-    functions      the geometric functions; the paper's four, or "turn" with them
-    wrong          memory: wrong labellings drawn for the boosting
-    survey_frames  memory: frames on which all subsets are tried
-    check_frames   memory: frames on which good ones are measured
-    max_features   memory: above that many, ratios are drawn by chance
-    max_solvers    memory: kept of each run of the search: those that together answer in the most occlusions
-    """
-
+    # "bottom-up", "top-down" or "genetic"; each runs once for every marker and asks for its target
     search: str = "top-down"
     seed: int = 0  # format: of the generator, any will do
-    functions: tuple[str, ...] = PAPER_FUNCTIONS
-    wrong: int = 2048
-    survey_frames: int = 128
-    check_frames: int = 2500
-    max_features: int = 60_000
-    max_solvers: int = 16
+    functions: tuple[str, ...] = PAPER_FUNCTIONS  # the geometric functions; the paper's four, or "turn" with them
+    wrong: int = 2048  # memory: wrong labellings drawn for the boosting
+    survey_frames: int = 128  # memory: frames on which all subsets are tried
+    check_frames: int = 2500  # memory: frames on which good ones are measured
+    max_features: int = 60_000  # memory: above that many, ratios are drawn by chance
+    max_solvers: int = 16  # memory: kept of each run of the search: those that together answer in the most occlusions
     boosting: Boosting = field(default_factory=Boosting)
     occlusions: Occlusions = field(default_factory=Occlusions)
     genetics: Genetics = field(default_factory=Genetics)

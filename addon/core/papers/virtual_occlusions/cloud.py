@@ -27,16 +27,11 @@ MAX_GAP_M = 0.012
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Q candidate points of one frame.
+    """Q candidate points of one frame."""
 
-    points   (Q, 3) m
-    support  (Q,) number of cameras whose blobs agree on the point
-    weight   (Q,) 0 to 1, how likely the point is a marker: shared blobs share their weight
-    """
-
-    points: np.ndarray
-    support: np.ndarray
-    weight: np.ndarray
+    points: np.ndarray  # (Q, 3) m
+    support: np.ndarray  # (Q,) number of cameras whose blobs agree on the point
+    weight: np.ndarray  # (Q,) 0 to 1, how likely the point is a marker: shared blobs share their weight
 
 
 def build_cloud(view: View, sight: Sight) -> Cloud:

@@ -25,16 +25,11 @@ from ...kernels import calls, in_use
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """What the data says to B bodies' markers.
+    """What the data says to B bodies' markers."""
 
-    cost      (B,) half of F, in units of s²
-    gradient  (B, M, 3) half of its derivative by the marker
-    hessian   (B, M, 3, 3) its Gauss-Newton second derivative
-    """
-
-    cost: np.ndarray
-    gradient: np.ndarray
-    hessian: np.ndarray
+    cost: np.ndarray  # (B,) half of F, in units of s²
+    gradient: np.ndarray  # (B, M, 3) half of its derivative by the marker
+    hessian: np.ndarray  # (B, M, 3, 3) its Gauss-Newton second derivative
 
 
 class DataPull(ABC):

@@ -17,22 +17,15 @@ from .cost import DataPull, Pull
 
 @dataclass(frozen=True)
 class DampingOptions:
-    """How steps are damped, as a share of the normal matrix' diagonal.
+    """How steps are damped, as a share of the normal matrix' diagonal."""
 
-    first     of the first step
-    smaller   factor after a step that lowered the cost
-    larger    factor after one that did not
-    lowest    below it the step is Gauss-Newton's
-    highest   above it nothing moves
-    ridge     share of the trace that keeps the covariance of parameters without data finite; the same of the
-              largest diagonal entry in a step
-    """
-
-    first: float
-    smaller: float
-    larger: float
-    lowest: float
-    highest: float
+    first: float  # of the first step
+    smaller: float  # factor after a step that lowered the cost
+    larger: float  # factor after one that did not
+    lowest: float  # below it the step is Gauss-Newton's
+    highest: float  # above it nothing moves
+    # share of the trace that keeps the covariance of parameters without data finite; the same of the largest diagonal
+    # entry in a step
     ridge: float
 
 
@@ -63,14 +56,10 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The outcome of a fit.
+    """The outcome of a fit."""
 
-    state  the last one
-    trace  (steps + 1, B) the cost at the start and after every step; it never rises
-    """
-
-    state: State
-    trace: np.ndarray
+    state: State  # the last one
+    trace: np.ndarray  # (steps + 1, B) the cost at the start and after every step; it never rises
 
     @property
     def bodies(self) -> Bodies:

@@ -25,33 +25,28 @@ LABEL_STEPS = EXCLUSIVE, CONFLICT, REMAINING, BY_EDIT
 
 @dataclass(frozen=True)
 class Rules:
-    """How labels are given; distances count in standard deviations of the fit and the blob.
+    """How labels are given; distances count in standard deviations of the fit and the blob."""
 
-    pixel           physical: px, standard deviation of a blob's centre, until the take shows its own
-    slack_m         physical: what a calibration adds in space, whatever the lens; makers report half a millimetre
-    max_distance_m  physical: no blob farther than this from a projection is considered, an arm's thickness
-    max_square      paper, 5.1: the neighbourhood, four standard deviations, which one right blob in 3,000 exceeds; two
-                    rays make a marker within as many of the model's
-    min_lead        paper, 5.1: squared deviations to the next marker of a blob that is clear: seven times less likely
-    max_miss        measured: deviations by which a ray may miss the point that it helped to make; half of them lose
-                    1.9 % of walks in five noisy cameras (`body26`), twice as many 0.2 %
-    max_off_point   measured: deviations by which a blob may lie off a reprojected point, which is uncertain, too; half
-                    of them lose 0.4 % there, twice as many nothing
-    max_on_point    paper, 5.2: squared deviations within which a blob belongs to the point that it lies on, three
-    merged_m        physical: between two markers whose images melt into one blob, larger than a marker
-    min_meetings    physical: markers that must meet in space to show the blobs' noise, as many as one limb has
-    """
-
-    pixel: float = 1.0
-    slack_m: float = 0.0005
-    max_distance_m: float = 0.12
-    max_square: float = 16.0
-    min_lead: float = 4.0
-    max_miss: float = 3.5
-    max_off_point: float = 5.0
-    max_on_point: float = SIGMAS**2
-    merged_m: float = 0.02
-    min_meetings: int = 5
+    pixel: float = 1.0  # physical: px, standard deviation of a blob's centre, until the take shows its own
+    # what a calibration adds in space, whatever the lens; makers report half a millimetre
+    slack_m: float = 0.0005  # physical
+    # no blob farther than this from a projection is considered, an arm's thickness
+    max_distance_m: float = 0.12  # physical
+    # paper, 5.1: the neighbourhood, four standard deviations, which one right blob in 3,000 exceeds; two rays make a
+    # marker within as many of the model's
+    max_square: float = 16.0  # paper
+    # paper, 5.1: squared deviations to the next marker of a blob that is clear: seven times less likely
+    min_lead: float = 4.0  # paper
+    # deviations by which a ray may miss the point that it helped to make; half of them lose 1.9 % of walks in five
+    # noisy cameras (`body26`), twice as many 0.2 %
+    max_miss: float = 3.5  # measured
+    # deviations by which a blob may lie off a reprojected point, which is uncertain, too; half of them lose 0.4 %
+    # there, twice as many nothing
+    max_off_point: float = 5.0  # measured
+    # paper, 5.2: squared deviations within which a blob belongs to the point that it lies on, three
+    max_on_point: float = SIGMAS**2  # paper
+    merged_m: float = 0.02  # physical: between two markers whose images melt into one blob, larger than a marker
+    min_meetings: int = 5  # physical: markers that must meet in space to show the blobs' noise, as many as one limb has
 
     @property
     def min_behind_m(self) -> float:
@@ -70,22 +65,14 @@ class Expectation:
 
 @dataclass(eq=False)
 class Naming:
-    """The labels of one frame, as they grow.
+    """The labels of one frame, as they grow."""
 
-    frame      what they are measured against
-    slot       (C, M) which blob of a camera is the marker, -1 where none
-    step       (C, M) index into takes.STEPS
-    owner      (C, K) which marker a blob is, -1 where none
-    partner    (C, M) the other marker of a merged blob, -1 where the blob is the marker's alone
-    conflicts  (M,) blobs that were in conflict over the marker
-    """
-
-    frame: "Frame"
-    slot: np.ndarray
-    step: np.ndarray
-    owner: np.ndarray
-    partner: np.ndarray
-    conflicts: np.ndarray
+    frame: "Frame"  # what they are measured against
+    slot: np.ndarray  # (C, M) which blob of a camera is the marker, -1 where none
+    step: np.ndarray  # (C, M) index into takes.STEPS
+    owner: np.ndarray  # (C, K) which marker a blob is, -1 where none
+    partner: np.ndarray  # (C, M) the other marker of a merged blob, -1 where the blob is the marker's alone
+    conflicts: np.ndarray  # (M,) blobs that were in conflict over the marker
     _meeting: Meeting | None = None
     _reprojection: np.ndarray | None = None
 

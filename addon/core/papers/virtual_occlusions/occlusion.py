@@ -6,7 +6,6 @@ capsules in closed form; another volume (a mesh in a scene) answers the same que
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -21,24 +20,17 @@ MIN_DIVISOR_M2 = 1e-12  # what is divided by is never less
 RAYS_ONCE = 60_000  # rays against capsules that are worked on at once, few enough for the processor's cache
 
 
-@dataclass(frozen=True)
-class OcclusionOptions:
-    """How a body hides markers.
+class OCCLUDING:
+    """How a body hides markers."""
 
-    standoff        physical: heights, how far a marker's centre is off the skin that carries it, the radius of a 14 mm
-                    marker and its base
-    min_side_share  paper, 4, rather visible than hidden: nearer to a capsule's axis than this part of its radius,
-                    nobody knows on which side of the body a marker sits
-    fitted_shrink   measured: of the radii of a body that is being fitted; 0.4 % of the markers seen are then believed
-                    hidden, with whole radii 1.7 % (`gait15`)
-    """
-
-    standoff: float = 0.005
-    min_side_share: float = 0.25
-    fitted_shrink: float = 0.9
-
-
-OCCLUDING = OcclusionOptions()
+    # heights, how far a marker's centre is off the skin that carries it, the radius of a 14 mm marker and its base
+    standoff: float = 0.005  # physical
+    # paper, 4, rather visible than hidden: nearer to a capsule's axis than this part of its radius, nobody knows on
+    # which side of the body a marker sits
+    min_side_share: float = 0.25  # paper
+    # of the radii of a body that is being fitted; 0.4 % of the markers seen are then believed hidden, with whole radii
+    # 1.7 % (`gait15`)
+    fitted_shrink: float = 0.9  # measured
 
 
 class Occlusion(Protocol):
@@ -129,7 +121,7 @@ def capsules_hide(
     """(B, C, M) True where a capsule of the body stands between a marker and a camera's centre.
 
     start, axis (B, K, 3) and radius (B, K) are the capsules, markers (B, M, 3), centres (C, 3), standoff (B,) how far
-    off a capsule's surface a marker that sits on it is looked at from; all m. `min_side_share` see `OcclusionOptions`.
+    off a capsule's surface a marker that sits on it is looked at from; all m. `min_side_share` see `OCCLUDING`.
     """
     # Distances come out of differences of squares, so nothing may be far from the origin.
     origin = start[:, :1]

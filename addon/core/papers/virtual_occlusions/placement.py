@@ -18,16 +18,12 @@ from .cloud import Cloud
 
 @dataclass(frozen=True)
 class GuessOptions:
-    """What a first guess from a cloud may be.
+    """What a first guess from a cloud may be."""
 
-    min_height_m    physical: a child of two years
-    max_height_m    physical: hardly anybody is taller
-    trimmed_share   physical: of a cloud's weight, false crossings at each end of its box, one point of fifty
-    """
-
-    min_height_m: float = 0.9
-    max_height_m: float = 2.2
-    trimmed_share: float = 0.02
+    min_height_m: float = 0.9  # physical: a child of two years
+    max_height_m: float = 2.2  # physical: hardly anybody is taller
+    # of a cloud's weight, false crossings at each end of its box, one point of fifty
+    trimmed_share: float = 0.02  # physical
 
     def possible_height(self, height: np.ndarray | float) -> np.ndarray:
         """Heights, m, or the nearest that people have."""

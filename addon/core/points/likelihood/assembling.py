@@ -20,21 +20,17 @@ from .solving import Solved
 
 @dataclass(frozen=True)
 class AssemblyOptions:
-    """What a placement of a rigid body may look like, and what it, and distances between rigid bodies, are worth.
+    """What a placement of a rigid body may look like, and what it, and distances between rigid bodies, are worth."""
 
-    noise_share    of a length, between takes; physical: plates bend, and calibrations differ
-    point_gain     log likelihood of one more point that fits; measured: half of it names 2,257 of 133,000 points on
-                   plates wrongly, twice none
-    breach_weight  of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none,
-                   twice 80
-    single_cost    log odds a single marker must have beside the number of points that it may be; measured: twice loses
-                   1,411 of them, half none; without it 9 are wrong
-    """
-
-    noise_share: float = 0.003
-    point_gain: float = 7.0
-    breach_weight: float = 8.0
-    single_cost: float = 1.0
+    noise_share: float = 0.003  # of a length, between takes; physical: plates bend, and calibrations differ
+    # log likelihood of one more point that fits; measured: half of it names 2,257 of 133,000 points on plates wrongly,
+    # twice none
+    point_gain: float = 7.0  # measured
+    # of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none, twice 80
+    breach_weight: float = 8.0  # measured
+    # log odds a single marker must have beside the number of points that it may be; measured: twice loses 1,411 of
+    # them, half none; without it 9 are wrong
+    single_cost: float = 1.0  # measured
 
     def spread(self, lengths: np.ndarray | float) -> np.ndarray:
         """The standard deviation, m, of measured lengths, m."""
@@ -57,14 +53,10 @@ UNRIVALLED = 50.0  # log odds that a name without an alternative leads by
 
 @dataclass(frozen=True, eq=False)
 class Placements:
-    """K placements of a rigid body of n markers in each of F frames.
+    """K placements of a rigid body of n markers in each of F frames."""
 
-    points  (F, K, n) index of the point, NO_POINT where the marker is hidden
-    score   (F, K) log likelihood, -inf where there are fewer placements
-    """
-
-    points: np.ndarray
-    score: np.ndarray
+    points: np.ndarray  # (F, K, n) index of the point, NO_POINT where the marker is hidden
+    score: np.ndarray  # (F, K) log likelihood, -inf where there are fewer placements
 
 
 def distances(points: np.ndarray) -> np.ndarray:

@@ -16,50 +16,39 @@ from ...geometry.rigid import pairwise_distances
 from .shape import SUBJECT_PRIOR
 
 
-@dataclass(frozen=True)
-class ConstraintOptions:
-    """Which distances are constraints, and how strong the evidence of one is.
+class CONSTRAINING:
+    """Which distances are constraints, and how strong the evidence of one is."""
 
-    max_sd_radii    standard deviation of a length in one subject; physical: 4 cm, more than skin moves over bone
-    min_sd_radii    that a length has at least on another subject; physical: 5 mm, as markers are put on by hand
-    min_frames      that a length is learned from
-    max_cost        log likelihood that a broken one takes, before its weight; measured: with half people of other labs
-                    lose 4 %, with twice 6 %
-    max_weight      that one counts with; measured: with 0.25 or 1 names of 1 % of people of other labs are wrong
-    total_of_marker that all of a marker's count for together, as most share a marker; measured: with half or twice
-                    names of 0.7 % of people of other labs are wrong
-    max_size_ratio  logarithm of a distance over its length, from which it says nothing of the subject's size; physical:
-                    nobody is half as large again
-    min_size_sd     of the logarithm of subjects' size; physical: grown people's heights differ by 5 %
-    """
-
-    max_sd_radii: float = 0.05
-    min_sd_radii: float = 0.006
-    min_frames: int = 20
-    max_cost: float = 6.0
-    max_weight: float = 0.5
-    total_of_marker: float = 4.0
-    max_size_ratio: float = 0.4
-    min_size_sd: float = 0.05
+    # standard deviation of a length in one subject; physical: 4 cm, more than skin moves over bone
+    max_sd_radii: float = 0.05  # physical
+    # that a length has at least on another subject; physical: 5 mm, as markers are put on by hand
+    min_sd_radii: float = 0.006  # physical
+    min_frames: int = 20  # that a length is learned from
+    # log likelihood that a broken one takes, before its weight; measured: with half people of other labs lose 4 %, with
+    # twice 6 %
+    max_cost: float = 6.0  # measured
+    # that one counts with; measured: with 0.25 or 1 names of 1 % of people of other labs are wrong
+    max_weight: float = 0.5  # measured
+    # that all of a marker's count for together, as most share a marker; measured: with half or twice names of 0.7 % of
+    # people of other labs are wrong
+    total_of_marker: float = 4.0  # measured
+    # logarithm of a distance over its length, from which it says nothing of the subject's size; physical: nobody is
+    # half as large again
+    max_size_ratio: float = 0.4  # physical
+    min_size_sd: float = 0.05  # of the logarithm of subjects' size; physical: grown people's heights differ by 5 %
 
 
-CONSTRAINING = ConstraintOptions()
 MAX_OF_MARKER = 12  # the surest constraints of a marker, beyond which more say the same again; by time
 
 
 @dataclass(frozen=True, eq=False)
 class DistanceConstraints:
-    """E distance constraints of a subject of mean size.
+    """E distance constraints of a subject of mean size."""
 
-    pair    (E, 2) markers
-    length  (E,) m, and its standard deviation sd (E,) m on a subject never seen, but for its size
-    size_sd how much subjects differ in size, as a standard deviation of its logarithm
-    """
-
-    pair: np.ndarray
-    length: np.ndarray
+    pair: np.ndarray  # (E, 2) markers
+    length: np.ndarray  # (E,) m, and its standard deviation sd (E,) m on a subject never seen, but for its size
     sd: np.ndarray
-    size_sd: float
+    size_sd: float  # how much subjects differ in size, as a standard deviation of its logarithm
 
     def __len__(self) -> int:
         return len(self.length)

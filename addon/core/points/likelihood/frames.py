@@ -15,22 +15,17 @@ from .solving import Solved, solve
 from .starts import START_YAWS, Guesses, guess
 
 
-@dataclass(frozen=True)
-class FrameOptions:
-    """How frames are worked on.
+class FRAME_NAMING:
+    """How frames are worked on."""
 
-    max_pairs        of the points of frames at once; memory: the processor's own
-    max_rigid_pairs  the same of sets on rigid bodies, of which less is worked out for each pair; memory
-    max_mean_square  of a frame's outcome, from which more guesses are followed; measured: half or twice names people of
-                     other labs alike, without it five of seven parts of a body are refused
-    """
-
-    max_pairs: int = 40_000
-    max_rigid_pairs: int = 270_000
-    max_mean_square: float = 0.5
+    max_pairs: int = 40_000  # of the points of frames at once; memory: the processor's own
+    # the same of sets on rigid bodies, of which less is worked out for each pair; memory
+    max_rigid_pairs: int = 270_000  # memory
+    # of a frame's outcome, from which more guesses are followed; measured: half or twice names people of other labs
+    # alike, without it five of seven parts of a body are refused
+    max_mean_square: float = 0.5  # measured
 
 
-FRAME_NAMING = FrameOptions()
 NAMED_AT_ONCE = 4, 64  # at least and at most
 GUESSES, MORE_GUESSES = 3, 6  # of a frame that are followed to the end: more of many points, or of a doubtful outcome
 

@@ -25,34 +25,25 @@ from .shape import Shape, as_other_subjects, cloud_radius, learn_shape
 from .sides import learn_sides
 
 
-@dataclass(frozen=True)
-class LearnOptions:
-    """What is learned from, how a calibration is measured, and where the points of its trials lie.
+class LEARN:
+    """What is learned from, how a calibration is measured, and where the points of its trials lie."""
 
-    min_frames          to learn from; physical: a tenth of a second at 100 Hz, fewer show no motion
-    max_frames          memory and time: of each fold that are named
-    max_labels          memory and time: that are enough of them
-    max_hidden          part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and
-                        one more
-    max_mirrored_radii  that the mirrored mean may differ from the mean, where names mean sides; physical: 20 cm, half
-                        of what left and right are apart
-    around_radii        beyond the subject's own box where ghosts still appear; physical: 40 cm, a hand's reach
-    beside_sd_radii     standard deviation of where a marker of another set sits about one of this; physical: 20 cm
-    max_along           how far along the line through two markers others may sit, in parts of their distance; physical:
-                        sets have markers between theirs, and beyond the last of a limb
-    """
-
-    min_frames: int = 10
-    max_frames: int = 1000
-    max_labels: int = 26000
-    max_hidden: float = 1 / 3
-    max_mirrored_radii: float = 0.25
-    around_radii: float = 0.5
-    beside_sd_radii: float = 0.25
-    max_along: float = 1.5
+    min_frames: int = 10  # to learn from; physical: a tenth of a second at 100 Hz, fewer show no motion
+    max_frames: int = 1000  # memory and time: of each fold that are named
+    max_labels: int = 26000  # memory and time: that are enough of them
+    # part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and one more
+    max_hidden: float = 1 / 3  # paper
+    # that the mirrored mean may differ from the mean, where names mean sides; physical: 20 cm, half of what left and
+    # right are apart
+    max_mirrored_radii: float = 0.25  # physical
+    around_radii: float = 0.5  # beyond the subject's own box where ghosts still appear; physical: 40 cm, a hand's reach
+    # standard deviation of where a marker of another set sits about one of this; physical: 20 cm
+    beside_sd_radii: float = 0.25  # physical
+    # how far along the line through two markers others may sit, in parts of their distance; physical: sets have markers
+    # between theirs, and beyond the last of a limb
+    max_along: float = 1.5  # physical
 
 
-LEARN = LearnOptions()
 FOLDS = 5  # that subjects or frames are split into
 MAX_GHOSTS = 3  # in a frame of a trial
 CROWD_EVERY = 4  # one frame in so many is tried with many more points too,
@@ -62,14 +53,10 @@ LEARNED_SHARE = 0.1  # of the time of a calibration, that is over when the trial
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Frames with nothing but points.
+    """Frames with nothing but points."""
 
-    points  (F, P, 3) m, NaN where there is none
-    truth   (F, P) the marker, -1 for ghosts and where there is no point
-    """
-
-    points: np.ndarray
-    truth: np.ndarray
+    points: np.ndarray  # (F, P, 3) m, NaN where there is none
+    truth: np.ndarray  # (F, P) the marker, -1 for ghosts and where there is no point
 
 
 def crowded(trial: Trial, labelled: np.ndarray, most: int, rng: np.random.Generator) -> Trial:
@@ -123,19 +110,15 @@ def make_trial(
 
 @dataclass(frozen=True, eq=False)
 class TrialWork:
-    """A trial to be named by what was learned without its subjects.
+    """A trial to be named by what was learned without its subjects."""
 
-    markers, shape, constraints, rigid_bodies  what was learned, as in `Likelihood`
-    trial                                      the frames
-    usual                                      whether they are as most takes' frames are, and no crowd
-    """
-
+    # what was learned, as in `Likelihood`
     markers: tuple[str, ...]
     shape: Shape
     constraints: DistanceConstraints
     rigid_bodies: RigidBodies | None
-    trial: Trial
-    usual: bool
+    trial: Trial  # the frames
+    usual: bool  # whether they are as most takes' frames are, and no crowd
 
 
 @dataclass(frozen=True, eq=False)

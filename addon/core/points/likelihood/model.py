@@ -17,21 +17,17 @@ from .sides import NO_SIDES, Sides
 from .starts import COARSE_MODES
 
 
-@dataclass(frozen=True)
-class CalibrationOptions:
-    """How the chance of a label is learned from its margin, log odds, and its frame.
+class CALIBRATION:
+    """How the chance of a label is learned from its margin, log odds, and its frame."""
 
-    knees        margins at which the line may bend; format: a model file has a weight for each
-    error_range  parts wrong between which the kept rates lie, by even ratios: where wrong labels are; format
-    kind_bounds  parts of the markers that are named, between which frames are of one kind; format: a row for each kind
-    """
-
-    knees: tuple[float, ...] = (0.0, 2.0, 5.0)
-    error_range: tuple[float, float] = (1e-5, 0.3)
-    kind_bounds: tuple[float, ...] = (0.7, 0.87)
+    # margins at which the line may bend; format: a model file has a weight for each
+    knees: tuple[float, ...] = (0.0, 2.0, 5.0)  # format
+    # parts wrong between which the kept rates lie, by even ratios: where wrong labels are; format
+    error_range: tuple[float, float] = (1e-5, 0.3)  # format
+    # parts of the markers that are named, between which frames are of one kind; format: a row for each kind
+    kind_bounds: tuple[float, ...] = (0.7, 0.87)  # format
 
 
-CALIBRATION = CalibrationOptions()
 LEVELS = 200  # rates whose least log odds are kept, in a model file
 MAX_MARGIN = 12.0  # margins beyond are taken for this: trials are too few to tell more
 MAX_LOG_ODDS = 30.0  # of a chance, beyond which numbers have no room
@@ -45,16 +41,12 @@ NEVER = 100.0  # log odds that no label has
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """How margins become chances, measured on subjects that were left out of the training.
+    """How margins become chances, measured on subjects that were left out of the training."""
 
-    weights  logit of the chance to be right, for each of `features`
-    rates    (K,) ascending parts of labels that are right
-    least    (FRAME_KINDS, K) the least log odds of labels of which that part is right, for frames of each of the
-             `kinds`; beyond all odds where no labels are
-    """
-
-    weights: np.ndarray
-    rates: np.ndarray
+    weights: np.ndarray  # logit of the chance to be right, for each of `features`
+    rates: np.ndarray  # (K,) ascending parts of labels that are right
+    # (FRAME_KINDS, K) the least log odds of labels of which that part is right, for frames of each of the `kinds`;
+    # beyond all odds where no labels are
     least: np.ndarray
 
     def rate(self, odds: np.ndarray, kind: np.ndarray) -> np.ndarray:
@@ -164,24 +156,15 @@ def _logistic(described: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Everything that naming points takes.
+    """Everything that naming points takes."""
 
-    markers       M names
-    shape         of the whole upright cloud
-    constraints   distances that stay
-    calibration   what margins are worth
-    subjects      how many subjects it was learned from
-    rigid_bodies  of a set that has most of its markers on such; None for others
-    sides         on which side of others markers are; none of a model of before these were learned
-    """
-
-    markers: tuple[str, ...]
-    shape: Shape
-    constraints: DistanceConstraints
-    calibration: Calibration
-    subjects: int
-    rigid_bodies: RigidBodies | None = None
-    sides: Sides = NO_SIDES
+    markers: tuple[str, ...]  # M names
+    shape: Shape  # of the whole upright cloud
+    constraints: DistanceConstraints  # distances that stay
+    calibration: Calibration  # what margins are worth
+    subjects: int  # how many subjects it was learned from
+    rigid_bodies: RigidBodies | None = None  # of a set that has most of its markers on such; None for others
+    sides: Sides = NO_SIDES  # on which side of others markers are; none of a model of before these were learned
 
     def __len__(self) -> int:
         return len(self.markers)
@@ -194,18 +177,15 @@ class Likelihood:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What frames are solved with.
+    """What frames are solved with."""
 
-    coarse, fine               the shape with few modes, for the first steps from nothing, and with all
-    constraints, rigid_bodies  as in `Likelihood`
-    exchanges                  (X, M) limbs that may be taken for the other side's, as `limb_exchanges` has them
-    """
-
+    # the shape with few modes, for the first steps from nothing, and with all
     coarse: Latent
     fine: Latent
+    # as in `Likelihood`
     constraints: DistanceConstraints
     rigid_bodies: RigidBodies | None
-    exchanges: np.ndarray
+    exchanges: np.ndarray  # (X, M) limbs that may be taken for the other side's, as `limb_exchanges` has them
 
     @classmethod
     def of(

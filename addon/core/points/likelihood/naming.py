@@ -80,48 +80,30 @@ def _let_in(newcomer: int, worth: Worth, holder: dict[int, int]):
 IMPOSSIBLE = -1e6  # log odds
 
 
-@dataclass(frozen=True)
-class GhostOptions:
-    """What is assumed of a frame's ghosts and hidden markers before it is seen.
+class GHOSTS_EXPECTED:
+    """What is assumed of a frame's ghosts and hidden markers before it is seen."""
 
-    density        ghosts in a cube of one radius; measured: half or twice loses 2 % of walks learned from still trials
-    max_usual      points more than markers that are nothing unusual; measured: half loses 2 % of other people's plates
-    crowd_cubes    such cubes that the points beyond are in; physical: about a body that more of is marked
-    hidden_chance  that a marker is hidden; paper: about 4 of 15 (partial solvers, table 3)
-    """
-
-    density: float = 0.01
-    max_usual: int = 3
-    crowd_cubes: float = 15.0
-    hidden_chance: float = 0.25
-
-
-GHOSTS_EXPECTED = GhostOptions()
+    # ghosts in a cube of one radius; measured: half or twice loses 2 % of walks learned from still trials
+    density: float = 0.01  # measured
+    # points more than markers that are nothing unusual; measured: half loses 2 % of other people's plates
+    max_usual: int = 3  # measured
+    crowd_cubes: float = 15.0  # such cubes that the points beyond are in; physical: about a body that more of is marked
+    hidden_chance: float = 0.25  # that a marker is hidden; paper: about 4 of 15 (partial solvers, table 3)
 
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """N namings and what follows from them.
+    """N namings and what follows from them."""
 
-    points    (N, P, 3) m in the model's frame
-    present   (N, P)
-    worth     (N,) what a name is worth beside its density, as `name_worth`
-    naming    (N, M) index of the point, NO_POINT where hidden
-    score     (N,) log likelihood ratio against all points being ghosts and all markers hidden
-    size      (N,) of the subject, as the distance constraints say; 1 is the mean
-    expected  (N, M, 3) m, each marker's mean given all named points
-    left      (N, M, 3) m, named point minus expected; 0 where hidden
-    spread    (N, M, 3, L) m, half of the expected positions' covariance without the markers' own noise, see `shared_of`
-    """
-
-    points: np.ndarray
-    present: np.ndarray
-    worth: np.ndarray
-    naming: np.ndarray
-    score: np.ndarray
-    size: np.ndarray
-    expected: np.ndarray
-    left: np.ndarray
+    points: np.ndarray  # (N, P, 3) m in the model's frame
+    present: np.ndarray  # (N, P)
+    worth: np.ndarray  # (N,) what a name is worth beside its density, as `name_worth`
+    naming: np.ndarray  # (N, M) index of the point, NO_POINT where hidden
+    score: np.ndarray  # (N,) log likelihood ratio against all points being ghosts and all markers hidden
+    size: np.ndarray  # (N,) of the subject, as the distance constraints say; 1 is the mean
+    expected: np.ndarray  # (N, M, 3) m, each marker's mean given all named points
+    left: np.ndarray  # (N, M, 3) m, named point minus expected; 0 where hidden
+    # (N, M, 3, L) m, half of the expected positions' covariance without the markers' own noise, see `shared_of`
     spread: np.ndarray
 
     @property

@@ -15,58 +15,41 @@ import numpy as np
 from ...geometry.upright import turned, upright_aligned
 
 
-@dataclass(frozen=True)
-class SubjectPrior:
-    """How much subjects are taken to differ, whatever a few of them show: it counts as one subject more.
+class SUBJECT_PRIOR:
+    """How much subjects are taken to differ, whatever a few of them show: it counts as one subject more."""
 
-    between           times the spread between the subjects seen, of which a handful shows less than there is; measured
-                      on people left out of training
-    size_sd           standard deviation of size, in parts of it; learned: as recorded people differ
-    marker_sd_radii   of where a marker sits besides; learned: as recorded people differ
-    length_sd         of a distance between markers besides, in parts of it; physical: people's proportions
-    """
-
-    between: float = 1.3
-    size_sd: float = 0.08
-    marker_sd_radii: float = 0.04
-    length_sd: float = 0.03
+    # times the spread between the subjects seen, of which a handful shows less than there is; measured on people left
+    # out of training
+    between: float = 1.3  # measured
+    size_sd: float = 0.08  # standard deviation of size, in parts of it; learned: as recorded people differ
+    marker_sd_radii: float = 0.04  # of where a marker sits besides; learned: as recorded people differ
+    length_sd: float = 0.03  # of a distance between markers besides, in parts of it; physical: people's proportions
 
 
-@dataclass(frozen=True)
-class ShapeOptions:
-    """How a shape is learned.
+class SHAPE:
+    """How a shape is learned."""
 
-    pose_variance  times the variance of the poses seen: a few short takes show less than there are; measured on people
-                   left out of training
-    shrinkage      of the covariance between subjects towards its own diagonal; measured: without it walks learned from
-                   a still trial or a frame lose 4 %
-    min_sd_radii   what a marker does that no mode explains; physical: 1.3 cm, skin and placement
-    """
-
-    pose_variance: float = 3.0
-    shrinkage: float = 0.25
-    min_sd_radii: float = 0.016
+    # times the variance of the poses seen: a few short takes show less than there are; measured on people left out of
+    # training
+    pose_variance: float = 3.0  # measured
+    # of the covariance between subjects towards its own diagonal; measured: without it walks learned from a still trial
+    # or a frame lose 4 %
+    shrinkage: float = 0.25  # measured
+    min_sd_radii: float = 0.016  # what a marker does that no mode explains; physical: 1.3 cm, skin and placement
 
 
-SHAPE = ShapeOptions()
 SHAPE_FRAMES = 400  # of each subject, drawn; by time
 MAX_MODES = 20  # what is beyond is noise; by time
 ALIGNING_ROUNDS, FACTOR_ROUNDS = 4, 12  # of aligning and of filling gaps in, and of factor analysis; all settle sooner
-SUBJECT_PRIOR = SubjectPrior()
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Marker positions x = mean + modes · z + noise, z standard normal, up to yaw and translation.
+    """Marker positions x = mean + modes · z + noise, z standard normal, up to yaw and translation."""
 
-    mean   (M, 3) m, centred
-    modes  (M, 3, K) m for one standard deviation
-    noise  (M,) variance along each axis, m²
-    """
-
-    mean: np.ndarray
-    modes: np.ndarray
-    noise: np.ndarray
+    mean: np.ndarray  # (M, 3) m, centred
+    modes: np.ndarray  # (M, 3, K) m for one standard deviation
+    noise: np.ndarray  # (M,) variance along each axis, m²
 
     @property
     def radius(self) -> float:
@@ -176,19 +159,12 @@ def factors(covariance: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarra
 PLACE, YAW, FIRST_MODE = slice(0, 3), 3, 4  # columns of a latent vector
 
 
-@dataclass(frozen=True)
-class LatentOptions:
-    """How freely a shape is placed.
+class LATENT:
+    """How freely a shape is placed."""
 
-    place_sd_radii  where the subject stands is as good as unknown; physical: a room is six times as wide as a person
-    yaw_sd_rad      of one step; physical: the linear yaw is good for no larger one
-    """
-
-    place_sd_radii: float = 6.0
-    yaw_sd_rad: float = 0.5
-
-
-LATENT = LatentOptions()
+    # where the subject stands is as good as unknown; physical: a room is six times as wide as a person
+    place_sd_radii: float = 6.0  # physical
+    yaw_sd_rad: float = 0.5  # of one step; physical: the linear yaw is good for no larger one
 
 
 class Latent:

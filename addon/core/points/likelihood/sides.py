@@ -18,33 +18,20 @@ from .distances import CONSTRAINING, MAX_OF_MARKER, lengths_of, mean_seen
 from .shape import SHAPE_FRAMES, SUBJECT_PRIOR
 
 
-@dataclass(frozen=True)
-class SideOptions:
-    """Which sides are learned.
+class SIDES:
+    """Which sides are learned."""
 
-    near    memory and time: of a marker, whose distances keep best, that make its planes
-    planes  memory and time: of a marker that count, those that tell its side best of what a take shows
-    """
-
-    near: int = 8
-    planes: int = 3
-
-
-SIDES = SideOptions()
+    near: int = 8  # memory and time: of a marker, whose distances keep best, that make its planes
+    planes: int = 3  # memory and time: of a marker that count, those that tell its side best of what a take shows
 
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """How high the first of four markers is over the plane of the others, as its right-hand screw points.
+    """How high the first of four markers is over the plane of the others, as its right-hand screw points."""
 
-    markers   (Q, 4), of a marker those first that tell its side best
-    height    (Q,) m
-    variance  (Q,) m², of all frames of all subjects
-    """
-
-    markers: np.ndarray
-    height: np.ndarray
-    variance: np.ndarray
+    markers: np.ndarray  # (Q, 4), of a marker those first that tell its side best
+    height: np.ndarray  # (Q,) m
+    variance: np.ndarray  # (Q,) m², of all frames of all subjects
 
     def __len__(self) -> int:
         return len(self.markers)

@@ -40,25 +40,21 @@ from .shape import FIRST_MODE, Latent
 from .starts import Guesses
 
 
-@dataclass(frozen=True)
-class SolvingOptions:
-    """How far guesses are followed, by log likelihood, and which neighbouring namings are tried.
+class SOLVING:
+    """How far guesses are followed, by log likelihood, and which neighbouring namings are tried."""
 
-    max_behind_guess     a frame's best, from which a guess is followed no further; measured: half or twice names people
-                         of other labs, and crowds, alike, with 25 head, trunk and arms alone are refused once
-    max_behind_named     the same once it has been named again; measured: half loses 1 to 2 % there, twice nothing
-    max_behind_exchange  the same for a frame's best with a limb exchanged; measured: with twice 4 % of a squat's names
-                         and 6 % of a dance's are wrong, with none 814 of 4,050 of pelvis and one leg
-    max_distance_radii   of a point from where a marker is expected, to be tried there; physical: 65 cm, an arm's reach
-    """
-
-    max_behind_guess: float = 60.0
-    max_behind_named: float = 25.0
-    max_behind_exchange: float = 12.0
-    max_distance_radii: float = 0.8
+    # a frame's best, from which a guess is followed no further; measured: half or twice names people of other labs, and
+    # crowds, alike, with 25 head, trunk and arms alone are refused once
+    max_behind_guess: float = 60.0  # measured
+    # the same once it has been named again; measured: half loses 1 to 2 % there, twice nothing
+    max_behind_named: float = 25.0  # measured
+    # the same for a frame's best with a limb exchanged; measured: with twice 4 % of a squat's names and 6 % of a
+    # dance's are wrong, with none 814 of 4,050 of pelvis and one leg
+    max_behind_exchange: float = 12.0  # measured
+    # of a point from where a marker is expected, to be tried there; physical: 65 cm, an arm's reach
+    max_distance_radii: float = 0.8  # physical
 
 
-SOLVING = SolvingOptions()
 MIN_GAIN = 0.05  # log likelihood that is worth another round
 RENAMING_ROUNDS = 2  # of naming again by everyone's conditional odds
 MAX_CLIMBS = 6  # moves and swaps that may follow each other
@@ -66,16 +62,11 @@ MAX_CLIMBS = 6  # moves and swaps that may follow each other
 
 @dataclass(frozen=True, eq=False)
 class Alternatives:
-    """Gains in log likelihood of N namings' neighbours; IMPOSSIBLE where there is none.
+    """Gains in log likelihood of N namings' neighbours; IMPOSSIBLE where there is none."""
 
-    odds  (N, M, P) as `name_odds`: drop and replace follow from it
-    move  (N, M, M) the point of the first marker takes the second's name
-    swap  (N, M, M) the two markers exchange points; its lower triangle
-    """
-
-    odds: np.ndarray
-    move: np.ndarray
-    swap: np.ndarray
+    odds: np.ndarray  # (N, M, P) as `name_odds`: drop and replace follow from it
+    move: np.ndarray  # (N, M, M) the point of the first marker takes the second's name
+    swap: np.ndarray  # (N, M, M) the two markers exchange points; its lower triangle
 
 
 def alternatives(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Alternatives:
@@ -186,19 +177,14 @@ def best_neighbour(naming: np.ndarray, move: np.ndarray, swap: np.ndarray) -> tu
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The best naming of each of F frames.
+    """The best naming of each of F frames."""
 
-    naming       (F, M) index of the point, NO_POINT where hidden
-    score        (F,) its log likelihood ratio against nothing but ghosts
-    margin       (F, M) how much likelier the name is than all namings tried without it together, log odds; 0 where
-                 hidden
-    mean_square  (F,) of the named points' distances from where the others expect them, in variances a degree of
-                 freedom: about 1 for a subject like those of the training
-    """
-
-    naming: np.ndarray
-    score: np.ndarray
+    naming: np.ndarray  # (F, M) index of the point, NO_POINT where hidden
+    score: np.ndarray  # (F,) its log likelihood ratio against nothing but ghosts
+    # (F, M) how much likelier the name is than all namings tried without it together, log odds; 0 where hidden
     margin: np.ndarray
+    # (F,) of the named points' distances from where the others expect them, in variances a degree of freedom: about 1
+    # for a subject like those of the training
     mean_square: np.ndarray
 
     @classmethod

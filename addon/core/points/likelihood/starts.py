@@ -22,23 +22,21 @@ TWIN = 1e6  # what takes a solution out of the choice
 
 @dataclass(frozen=True)
 class StartOptions:
-    """How guesses are sought.
+    """How guesses are sought."""
 
-    softness          radii², of the first step and of the last, which fall by even ratios; physical: from half a limb
-                      to as far as a marker may sit elsewhere
-    loose             measured: part of the modes' spread that counts as noise, of the first step and of the last but
-                      two, by even ratios, too; none at the end; where it falls as the softness does `clouds-p1` is
-                      refused, without it who wears two sets loses a third
-    max_same_yaw_rad  solutions that face less far from each other are one; measured: half or twice names people of
-                      other labs, and crowds, alike, with 0.393 names of 1.6 % of crowds are wrong
-    ghost_density     measured: points that are no marker, 1/radius³, more than there are, as no marker is in its place
-                      yet; half or twice names them alike, two fifths refuse `clouds-p1`
-    """
-
-    softness: tuple[float, float] = (0.08, 0.001)
-    loose: tuple[float, float] = (0.5, 0.003)
-    max_same_yaw_rad: float = 0.4
-    ghost_density: float = 0.025
+    # radii², of the first step and of the last, which fall by even ratios; physical: from half a limb to as far as a
+    # marker may sit elsewhere
+    softness: tuple[float, float] = (0.08, 0.001)  # physical
+    # part of the modes' spread that counts as noise, of the first step and of the last but two, by even ratios, too;
+    # none at the end; where it falls as the softness does `clouds-p1` is refused, without it who wears two sets loses a
+    # third
+    loose: tuple[float, float] = (0.5, 0.003)  # measured
+    # solutions that face less far from each other are one; measured: half or twice names people of other labs, and
+    # crowds, alike, with 0.393 names of 1.6 % of crowds are wrong
+    max_same_yaw_rad: float = 0.4  # measured
+    # points that are no marker, 1/radius³, more than there are, as no marker is in its place yet; half or twice names
+    # them alike, two fifths refuse `clouds-p1`
+    ghost_density: float = 0.025  # measured
 
     @cached_property
     def schedule(self) -> tuple[tuple[float, float], ...]:
@@ -65,14 +63,10 @@ STARTS = StartOptions()
 
 @dataclass(frozen=True, eq=False)
 class Guesses:
-    """C soft solutions of each of F frames, the best first by their own likelihood.
+    """C soft solutions of each of F frames, the best first by their own likelihood."""
 
-    points  (F, C, P, 3) m, the frame's points turned and moved as the guess has it, 0 where there is none
-    share   (F, C, M, P) how far each point is each marker
-    """
-
-    points: np.ndarray
-    share: np.ndarray
+    points: np.ndarray  # (F, C, P, 3) m, the frame's points turned and moved as the guess has it, 0 where there is none
+    share: np.ndarray  # (F, C, M, P) how far each point is each marker
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:

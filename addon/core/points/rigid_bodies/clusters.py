@@ -20,21 +20,15 @@ from .model import RIGID_BODY, linking_order
 from .structure import INDEPENDENT, JOINT, MAX_COST, Structure, find_joints, quad_volumes
 
 
-@dataclass(frozen=True)
-class ClusterMatchOptions:
-    """What tracklets do that are one rigid thing, and what is worth, log likelihood, that it is a rigid body.
+class CLUSTER_MATCH:
+    """What tracklets do that are one rigid thing, and what is worth, log likelihood, that it is a rigid body."""
 
-    missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
-    odd_marker_cost  what a marker more or fewer costs; measured on it
-    joint_gain       what a joint is worth where it is as in training; measured on it
-    """
-
-    missing_cost: float = 9.0
-    odd_marker_cost: float = 0.7
-    joint_gain: float = 2.0
+    # of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
+    missing_cost: float = 9.0  # measured
+    odd_marker_cost: float = 0.7  # what a marker more or fewer costs; measured on it
+    joint_gain: float = 2.0  # what a joint is worth where it is as in training; measured on it
 
 
-CLUSTER_MATCH = ClusterMatchOptions()
 CLUSTERING_FRAMES = 500  # that a take is looked at in; more show the same
 MIN_TRACKLET_S = 0.1  # of a tracklet that is looked at
 LAYING_ROUNDS = 6  # of laying a cluster on its mean form; it is still before
@@ -48,15 +42,11 @@ PERCENTILES = (2, 14, 26, 38, 50, 62, 74, 86, 98)  # of a distance over the take
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """n markers that move as one in F frames.
+    """n markers that move as one in F frames."""
 
-    form          (n, 3) m, the markers in the cluster's own axes, their middle at 0
-    tracklets     for each marker, the tracklets that are its
-    turn, place   (F, 3, 3) and (F, 3) m, a marker is at turn @ form + place; NaN where too few are seen
-    """
-
-    form: np.ndarray
-    tracklets: tuple[tuple[int, ...], ...]
+    form: np.ndarray  # (n, 3) m, the markers in the cluster's own axes, their middle at 0
+    tracklets: tuple[tuple[int, ...], ...]  # for each marker, the tracklets that are its
+    # (F, 3, 3) and (F, 3) m, a marker is at turn @ form + place; NaN where too few are seen
     turn: np.ndarray
     place: np.ndarray
 
@@ -73,16 +63,11 @@ class Cluster:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Tracklets of trajectories in some of the take's frames.
+    """Tracklets of trajectories in some of the take's frames."""
 
-    frames  (F,) which, 0-based
-    number  (N,) the tracklets' numbers
-    points  (F, N, 3) m, NaN where a tracklet is not there
-    """
-
-    frames: np.ndarray
-    number: np.ndarray
-    points: np.ndarray
+    frames: np.ndarray  # (F,) which, 0-based
+    number: np.ndarray  # (N,) the tracklets' numbers
+    points: np.ndarray  # (F, N, 3) m, NaN where a tracklet is not there
 
 
 def sampled(points: Table, tracklet: np.ndarray, rate: float) -> Sampled:
@@ -187,14 +172,10 @@ def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray) -> Cluster | Non
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """Which cluster is which rigid body.
+    """Which cluster is which rigid body."""
 
-    cluster  (K,) index of each rigid body's cluster, NO_CLUSTER where none is
-    margin   (K,) how much less likely all is when the rigid body has another cluster, log odds
-    """
-
-    cluster: np.ndarray
-    margin: np.ndarray
+    cluster: np.ndarray  # (K,) index of each rigid body's cluster, NO_CLUSTER where none is
+    margin: np.ndarray  # (K,) how much less likely all is when the rigid body has another cluster, log odds
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,38 +30,30 @@ from .structure import (
 )
 
 
-@dataclass(frozen=True)
-class MarkerMatchOptions:
-    """What is worth that a point is a marker of its rigid body, log likelihood, and a tracklet one on none, log odds.
+class MARKER_MATCH:
+    """What is worth that a point is a marker of its rigid body, log likelihood, a tracklet one on none, log odds."""
 
-    swing_rad      that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
-    missing_cost   what a marker of the rigid body costs that no point is; measured on the raw take S09_KneeltoRun02
-    min_lead       measured: that a rigid body's cluster, a point and a tracklet must lead by over what else they may
-                   be; with 5 of a point the raw take S09_KneeltoRun02 has 56 markers and not 58, made up people in
-                   other plates have as many wrong
-    """
-
-    swing_rad: float = 0.4
-    missing_cost: float = 6.0
-    min_lead: float = 3.0
+    # that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
+    swing_rad: float = 0.4  # physical
+    # what a marker of the rigid body costs that no point is; measured on the raw take S09_KneeltoRun02
+    missing_cost: float = 6.0  # measured
+    # that a rigid body's cluster, a point and a tracklet must lead by over what else they may be; with 5 of a point the
+    # raw take S09_KneeltoRun02 has 56 markers and not 58, made up people in other plates have as many wrong
+    min_lead: float = 3.0  # measured
 
 
-MARKER_MATCH = MarkerMatchOptions()
 INDEPENDENT_SIDES = 2 * INDEPENDENT  # volumes that are all the evidence of which side is which
 JUDGES = 8  # named markers that a tracklet is judged by
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Which point of which cluster each marker is.
+    """Which point of which cluster each marker is."""
 
-    rigid_body, point  (M,) the rigid body and the index of the point in its cluster, NO_POINT where there is none
-    margin             (M,) how much less likely the rigid body is where the marker is another point, log odds
-    """
-
+    # (M,) the rigid body and the index of the point in its cluster, NO_POINT where there is none
     rigid_body: np.ndarray
     point: np.ndarray
-    margin: np.ndarray
+    margin: np.ndarray  # (M,) how much less likely the rigid body is where the marker is another point, log odds
 
 
 def place_markers(structure: Structure, clusters: Sequence[Cluster], matched: Matched) -> Placed:

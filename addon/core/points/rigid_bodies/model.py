@@ -16,34 +16,28 @@ from ...data.physical import MARKER_LIMITS
 from ...geometry.rigid import MIN_POINTS, distance_ranges, mean_form, pairwise_distances
 
 
-@dataclass(frozen=True)
-class RigidBodyOptions:
-    """When markers are on rigid bodies, and how far their distances may leave what was seen.
+class RIGID_BODY:
+    """When markers are on rigid bodies, and how far their distances may leave what was seen."""
 
-    max_rigid_sd     radii, standard deviation of every distance within a rigid body; physical: 12 mm, as skin moves
-    min_separation   measured: times as much as within must distances to markers off a rigid body vary, on the Clouthier
-                     takes on plates and the McGill walks on the skin: in a few steps a whole limb keeps its form too
-    max_separate_sd  measured: radii that distances may vary by within what is separate so, on the same takes: a rigid
-                     body with what sits right beside it
-    max_marker_m     that a marker may be off its place on a rigid body; physical: its own width
-    min_sd_m         that any distance is taken to vary by; physical: how exact cameras are
-    min_marker_part  of the markers that must be on rigid bodies for the set to be; measured on the same takes
-    min_prop_move_m  standard deviation of where a prop is; physical: who stands still keeps their form too
-    slack_range      measured: of a distance's range that it may leave the range by, besides what plates put on by hand
-                     do, as no take shows all poses; without it 1,106 of 133,000 names on plates are wrong
-    """
-
-    max_rigid_sd: float = 0.015
-    min_separation: float = 5.0
-    max_separate_sd: float = 0.021
-    max_marker_m: float = 0.012
-    min_sd_m: float = 0.001
-    min_marker_part: float = 0.85
-    min_prop_move_m: float = 0.03
-    slack_range: float = 0.25
+    # radii, standard deviation of every distance within a rigid body; physical: 12 mm, as skin moves
+    max_rigid_sd: float = 0.015  # physical
+    # times as much as within must distances to markers off a rigid body vary, on the Clouthier takes on plates and the
+    # McGill walks on the skin: in a few steps a whole limb keeps its form too
+    min_separation: float = 5.0  # measured
+    # radii that distances may vary by within what is separate so, on the same takes: a rigid body with what sits right
+    # beside it
+    max_separate_sd: float = 0.021  # measured
+    max_marker_m: float = 0.012  # that a marker may be off its place on a rigid body; physical: its own width
+    min_sd_m: float = 0.001  # that any distance is taken to vary by; physical: how exact cameras are
+    # of the markers that must be on rigid bodies for the set to be; measured on the same takes
+    min_marker_part: float = 0.85  # measured
+    # standard deviation of where a prop is; physical: who stands still keeps their form too
+    min_prop_move_m: float = 0.03  # physical
+    # of a distance's range that it may leave the range by, besides what plates put on by hand do, as no take shows all
+    # poses; without it 1,106 of 133,000 names on plates are wrong
+    slack_range: float = 0.25  # measured
 
 
-RIGID_BODY = RigidBodyOptions()
 MAX_BASES = 8  # triangles that a rigid body is recognised by: some may be hidden, all are too many
 RANGE_TAILS = [0.5, 99.5]  # per cent of a distance, between which its range is; beyond are outliers
 UNSEEN_M = 50.0  # how far two markers may be from each other that were never seen together: anywhere
@@ -51,15 +45,11 @@ UNSEEN_M = 50.0  # how far two markers may be from each other that were never se
 
 @dataclass(frozen=True, eq=False)
 class RigidBodies:
-    """Rigid groups of M markers, and the distances between all.
+    """Rigid groups of M markers, and the distances between all."""
 
-    members  for each rigid body the indices (n,) of its markers
-    form    (M, 3) m, each marker in its rigid body's own axes; 0 for markers on none
-    low, high  (M, M) m, the range of every distance
-    """
-
-    members: tuple[np.ndarray, ...]
-    form: np.ndarray
+    members: tuple[np.ndarray, ...]  # for each rigid body the indices (n,) of its markers
+    form: np.ndarray  # (M, 3) m, each marker in its rigid body's own axes; 0 for markers on none
+    # (M, M) m, the range of every distance
     low: np.ndarray
     high: np.ndarray
 

@@ -69,23 +69,18 @@ def _median(values: np.ndarray) -> np.ndarray:
     return np.where(count[:, 0] > 0, found, 0.0)
 
 
-@dataclass(frozen=True)
-class JointOptions:
-    """When two rigid bodies are taken to meet in a joint, and how subjects differ.
+class JOINT:
+    """When two rigid bodies are taken to meet in a joint, and how subjects differ."""
 
-    max_miss_m      physical: root mean square, that rigid bodies with a joint between them may be off it, and a marker
-                    beside one may move against it to be looked for on it: flesh on bone; across a joint it moves more
-    min_turn_rad    about, that rigid bodies must turn against each other to show a joint; physical: 9°
-    proportions_sd  physical: people's proportions, in parts of a distance on or between rigid bodies, and of a volume
-                    over its sides, besides what plates put on by hand do
-    """
-
-    max_miss_m: float = 0.025
-    min_turn_rad: float = 0.15
-    proportions_sd: float = 0.08
+    # root mean square, that rigid bodies with a joint between them may be off it, and a marker beside one may move
+    # against it to be looked for on it: flesh on bone; across a joint it moves more
+    max_miss_m: float = 0.025  # physical
+    min_turn_rad: float = 0.15  # about, that rigid bodies must turn against each other to show a joint; physical: 9°
+    # people's proportions, in parts of a distance on or between rigid bodies, and of a volume over its sides, besides
+    # what plates put on by hand do
+    proportions_sd: float = 0.08  # physical
 
 
-JOINT = JointOptions()
 STRUCTURE_FRAMES = 300  # of a subject that are learned from, evenly spread
 JOINT_PULL = 0.05  # of a joint to the middles of its rigid bodies, along axes about which nothing turns
 MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
@@ -98,16 +93,11 @@ MAX_COST = 8.0  # the most that one fact counts against, log likelihood: four st
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """Of every two of K rigid things, the point that is most constant in both.
+    """Of every two of K rigid things, the point that is most constant in both."""
 
-    miss  (K, K) m, root mean square, by which it is not; NaN where they were never seen together
-    at    (K, K, 3) m, the point in the first one's axes
-    turn  (K, K) rad, about, how far they turn against each other
-    """
-
-    miss: np.ndarray
-    at: np.ndarray
-    turn: np.ndarray
+    miss: np.ndarray  # (K, K) m, root mean square, by which it is not; NaN where they were never seen together
+    at: np.ndarray  # (K, K, 3) m, the point in the first one's axes
+    turn: np.ndarray  # (K, K) rad, about, how far they turn against each other
 
     @property
     def arm(self) -> np.ndarray:
@@ -122,19 +112,15 @@ class Joints:
 
 @dataclass(frozen=True, eq=False)
 class Inner:
-    """How n markers lie on a rigid body: its own `core` first, then those beside it that hardly move against it.
+    """How n markers lie on a rigid body: its own `core` first, then those beside it that hardly move against it."""
 
-    members        (n,) which markers
-    form           (n, 3) m, in the rigid body's axes, the middle of the core at 0
-    away, away_sd  (n, K) m, how far they are from the middles of the rigid bodies, and how much that changes
-    side, side_sd  (C, K) signed volumes of three of them, in the order of `triples`, with those middles
-    """
-
-    members: np.ndarray
+    members: np.ndarray  # (n,) which markers
     core: int
-    form: np.ndarray
+    form: np.ndarray  # (n, 3) m, in the rigid body's axes, the middle of the core at 0
+    # (n, K) m, how far they are from the middles of the rigid bodies, and how much that changes
     away: np.ndarray
     away_sd: np.ndarray
+    # (C, K) signed volumes of three of them, in the order of `triples`, with those middles
     side: np.ndarray
     side_sd: np.ndarray
 
@@ -146,24 +132,19 @@ class Inner:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """How K rigid bodies lie on a body.
+    """How K rigid bodies lie on a body."""
 
-    low, high    (K, K) m, the range of the distance between the middles of two rigid bodies, and slack (K, K) m beyond
-    quads        (Q, 4) rigid bodies whose middles tell left from right, with mean and sd (Q,) of their signed volume
-    joints       between the rigid bodies
-    inner        what is known within each rigid body
-    markers      M, of the set
-    """
-
+    # (K, K) m, the range of the distance between the middles of two rigid bodies, and slack (K, K) m beyond
     low: np.ndarray
     high: np.ndarray
     slack: np.ndarray
+    # (Q, 4) rigid bodies whose middles tell left from right, with mean and sd (Q,) of their signed volume
     quads: np.ndarray
     volume: np.ndarray
     volume_sd: np.ndarray
-    joints: Joints
-    inner: tuple[Inner, ...]
-    markers: int
+    joints: Joints  # between the rigid bodies
+    inner: tuple[Inner, ...]  # what is known within each rigid body
+    markers: int  # M, of the set
 
     def __len__(self) -> int:
         return len(self.inner)

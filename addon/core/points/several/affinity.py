@@ -17,31 +17,26 @@ from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 
 
-@dataclass(frozen=True)
-class AffinityOptions:
-    """What distances between two markers of one body do, and how much of a take is looked at.
+class AFFINITY:
+    """What distances between two markers of one body do, and how much of a take is looked at."""
 
-    sample_rate  frames a second that are looked at; physical: nobody walks past anybody in a twentieth of a second
-    unknown      frames that the prior counts for, by which; measured on 20 kinds of meetings: 3 leaves 6 % of points
-                 to several bodies and not 4, 12 puts 0.4 % more on the wrong one
-    loose        a distance varies by this part of it; physical: a bent limb shortens distances across it by a quarter
-    known        physical: frames that what was seen counts for at most where nothing moves more than skin does, and
-                 more as the square grows: who stands still for two seconds shows no more by standing longer
-    moved_m      measured: standard deviation of the places of two markers; where they move less, what their distance
-                 varies by counts as if they moved so far: who stands sways, and nobody sways alike; with 0.2 two who
-                 walk beside each other in step for less than a second have a foot of the other
-    steady_m     that a distance on a body varies by; physical: skin moves so far over bone
-    """
-
-    sample_rate: float = 20.0
-    unknown: float = 6.0
-    loose: float = 0.25
-    known: float = 40.0
-    moved_m: float = 0.1
-    steady_m: float = 0.02
+    # frames a second that are looked at; physical: nobody walks past anybody in a twentieth of a second
+    sample_rate: float = 20.0  # physical
+    # frames that the prior counts for, by which; measured on 20 kinds of meetings: 3 leaves 6 % of points to several
+    # bodies and not 4, 12 puts 0.4 % more on the wrong one
+    unknown: float = 6.0  # measured
+    # a distance varies by this part of it; physical: a bent limb shortens distances across it by a quarter
+    loose: float = 0.25  # physical
+    # frames that what was seen counts for at most where nothing moves more than skin does, and more as the square
+    # grows: who stands still for two seconds shows no more by standing longer
+    known: float = 40.0  # physical
+    # standard deviation of the places of two markers; where they move less, what their distance varies by counts as if
+    # they moved so far: who stands sways, and nobody sways alike; with 0.2 two who walk beside each other in step for
+    # less than a second have a foot of the other
+    moved_m: float = 0.1  # measured
+    steady_m: float = 0.02  # that a distance on a body varies by; physical: skin moves so far over bone
 
 
-AFFINITY = AffinityOptions()
 AFFINE_TRACKLETS = 6  # of a body, whose mean affinity to one is the body's; as many markers as a segment has at most
 MIN_SAMPLES = 4  # frames of a tracklet that are looked at, at least: with fewer a distance has no variance
 TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time; by memory
@@ -49,18 +44,13 @@ TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time; by memory
 
 @dataclass(frozen=True, eq=False)
 class Affinity:
-    """How strongly the N tracklets of a take go together in pairs.
+    """How strongly the N tracklets of a take go together in pairs."""
 
-    frames    (F,) those that were looked at
-    first     (N + 1,) where the pairs of each tracklet begin, each pair being there for both of its tracklets
-    other     (E,) the other tracklet of each, the strongest affinity first
-    strength  (E,) the affinity, 1/m²
-    """
-
-    frames: np.ndarray
+    frames: np.ndarray  # (F,) those that were looked at
+    # (N + 1,) where the pairs of each tracklet begin, each pair being there for both of its tracklets
     first: np.ndarray
-    other: np.ndarray
-    strength: np.ndarray
+    other: np.ndarray  # (E,) the other tracklet of each, the strongest affinity first
+    strength: np.ndarray  # (E,) the affinity, 1/m²
 
     @classmethod
     def of(cls, points: Table, tracklet: np.ndarray, rate: float, every: int | None = None) -> Self:

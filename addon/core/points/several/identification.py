@@ -30,24 +30,19 @@ from .bodies import Crowd, NamedBody
 from .parting import NO_BODY, usual_count
 
 
-@dataclass(frozen=True)
-class IdentificationOptions:
-    """How the distances of one person differ, and how tracklets are shared out.
+class IDENTIFICATION:
+    """How the distances of one person differ, and how tracklets are shared out."""
 
-    lead        log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one of two
-                who want a tracklet of the other
-    bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
-    fitting     measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
-                offered: what comes before and after may be stronger evidence; to offer all names two who touch alike,
-                in twice the time
-    """
-
+    # log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one of two who want a
+    # tracklet of the other
     lead: float = MARKER_MATCH.min_lead
-    bend: float = 0.02
-    fitting: float = -4.0
+    # part of a distance by which it differs in other motions; physical: skin moves over a bent joint
+    bend: float = 0.02  # physical
+    # log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be offered: what comes
+    # before and after may be stronger evidence; to offer all names two who touch alike, in twice the time
+    fitting: float = -4.0  # measured
 
 
-IDENTIFICATION = IdentificationOptions()
 ROUNDS_OF_SHARING = 3  # of solving those again that lost some; by time
 FRAMES_COMPARED = 300  # that are looked at, of all with two markers of somebody
 MIN_MET = 10  # frames in which two markers must be there for their distance to say anything

@@ -23,36 +23,30 @@ from .affinity import AFFINE_TRACKLETS, Affinity
 from .wearers import MAX_SUBJECTS
 
 
-@dataclass(frozen=True)
-class PartingPeopleOptions:
-    """What a body shows of itself, how bodies are told apart by where they are, and tracklets parted into bodies.
+class PARTING_PEOPLE:
+    """What a body shows of itself, how bodies are told apart by where they are, and tracklets parted into bodies."""
 
-    firm       part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice
-               names eight meetings alike
-    often      part of the frames in which so many are apart; measured: as firm
-    outer      measured: part of the points that are not farther out than where another body is looked for, as ghosts
-               are; 0.8 and 0.97 part 20 kinds of meetings worse, by 0.3 and 0.1 % of the points
-    missed     measured: frames in a row without somebody, after which nobody is followed any more; where they are
-               followed on, 1 % more of the points of meetings are on the wrong body
-    gone_over  measured: part of the tracklets that were one body's, beyond which nobody is followed any more where they
-               are another's, on `lying` of tests/accuracy/actors.py: who lies has feet where somebody else may stand
-    clear      measured: times the affinity to any other body that a tracklet's affinity to one must be, to be that
-               one's alone; in 20 kinds of meetings 1.3 has a tenth more points on the wrong body alone, 2.2 twice as
-               many on several
-    on_body    part of a tracklet's strongest affinity, below which it is not on a body; measured of 0.3 to 0.8 on
-               `returning` and `returning-acting` of tests/accuracy/actors.py
-    """
-
-    firm: float = 0.2
-    often: float = 0.05
-    outer: float = 0.9
-    missed: int = 4
-    gone_over: float = 0.03
-    clear: float = 1.6
-    on_body: float = 0.5
+    # part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice names eight
+    # meetings alike
+    firm: float = 0.2  # measured
+    often: float = 0.05  # part of the frames in which so many are apart; measured: as firm
+    # part of the points that are not farther out than where another body is looked for, as ghosts are; 0.8 and 0.97
+    # part 20 kinds of meetings worse, by 0.3 and 0.1 % of the points
+    outer: float = 0.9  # measured
+    # frames in a row without somebody, after which nobody is followed any more; where they are followed on, 1 % more of
+    # the points of meetings are on the wrong body
+    missed: int = 4  # measured
+    # part of the tracklets that were one body's, beyond which nobody is followed any more where they are another's, on
+    # `lying` of tests/accuracy/actors.py: who lies has feet where somebody else may stand
+    gone_over: float = 0.03  # measured
+    # times the affinity to any other body that a tracklet's affinity to one must be, to be that one's alone; in 20
+    # kinds of meetings 1.3 has a tenth more points on the wrong body alone, 2.2 twice as many on several
+    clear: float = 1.6  # measured
+    # part of a tracklet's strongest affinity, below which it is not on a body; measured of 0.3 to 0.8 on `returning`
+    # and `returning-acting` of tests/accuracy/actors.py
+    on_body: float = 0.5  # measured
 
 
-PARTING_PEOPLE = PartingPeopleOptions()
 NO_BODY = -1
 FRAMES_COUNTED = 80  # that are looked at
 PLACES_TRIED = 60  # frames in which bodies are looked for first, spread over the take; by time
@@ -243,14 +237,10 @@ def _away(flat: np.ndarray, centres: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class PartedBodies:
-    """N tracklets parted among K bodies, or presences of bodies.
+    """N tracklets parted among K bodies, or presences of bodies."""
 
-    body  (N,) that of the strongest affinity, NO_BODY where there is none
-    may   (N, K) True for the bodies that it may be on: one where that is clear, else several
-    """
-
-    body: np.ndarray
-    may: np.ndarray
+    body: np.ndarray  # (N,) that of the strongest affinity, NO_BODY where there is none
+    may: np.ndarray  # (N, K) True for the bodies that it may be on: one where that is clear, else several
 
     def joined(self, whose: np.ndarray, count: int) -> "PartedBodies":
         """The same of so many bodies, where each of the K is a presence (K,) of one; of NO_BODY, nobody's."""

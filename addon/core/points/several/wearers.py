@@ -46,20 +46,16 @@ class Wearer:
 
 @dataclass(frozen=True, eq=False)
 class SeveralOptions:
-    """Who is asked for.
+    """Who is asked for."""
 
-    model     what all of them wear, who have no names: `count` of them, or AUTO
-    subjects  those who have, each with a model of their own; then `model` is None
-    others    whether people whom nobody asked for are found, too, after those who were: for who must know what is
-              theirs, as they are in the way
-    in_room   whether those whom nothing tells apart are in the order of where they stand, as blobs come in no order;
-              else who comes first in the file is first
-    """
-
-    model: Model | None = None
+    model: Model | None = None  # what all of them wear, who have no names: `count` of them, or AUTO
     count: int = AUTO
-    subjects: tuple[Wearer, ...] = ()
+    subjects: tuple[Wearer, ...] = ()  # those who have, each with a model of their own; then `model` is None
+    # whether people whom nobody asked for are found, too, after those who were: for who must know what is theirs, as
+    # they are in the way
     others: bool = False
+    # whether those whom nothing tells apart are in the order of where they stand, as blobs come in no order; else who
+    # comes first in the file is first
     in_room: bool = False
 
     @cached_property

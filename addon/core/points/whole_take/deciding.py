@@ -23,30 +23,21 @@ from .solving import Solution
 from .tracklets import FrameLabels
 
 
-@dataclass(frozen=True)
-class DecidingOptions:
-    """What is sure enough to be said.
+class DECIDING:
+    """What is sure enough to be said."""
 
-    odds_of_target  measured: of the log odds of a target, that a tracklet's name must be ahead of any other by a
-                    solution; with half names of 2 % of people of other labs are wrong, with twice they lose 6 %
-    """
-
-    odds_of_target: float = 0.6
-
-
-DECIDING = DecidingOptions()
+    # of the log odds of a target, that a tracklet's name must be ahead of any other by a solution; with half names of 2
+    # % of people of other labs are wrong, with twice they lose 6 %
+    odds_of_target: float = 0.6  # measured
 
 
 @dataclass(frozen=True, eq=False)
 class Votes:
-    """What the tracklets (T, L) of a take were voted, window by window, and what a person should look at.
+    """What the tracklets (T, L) of a take were voted, window by window, and what a person should look at."""
 
-    marker   (T, L)
-    windows  the frames of each window, with how sure its votes are: the different values (K,) and which of them each is
-             (F, L), as there are few; where there are many the values are None, and these (F, L) are it
-    """
-
-    marker: np.ndarray
+    marker: np.ndarray  # (T, L)
+    # the frames of each window, with how sure its votes are: the different values (K,) and which of them each is (F,
+    # L), as there are few; where there are many the values are None, and these (F, L) are it
     windows: list[tuple[slice, np.ndarray | None, np.ndarray]]
     suspects: tuple[Suspect, ...]
 

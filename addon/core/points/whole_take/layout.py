@@ -25,20 +25,13 @@ from .objective import OBJECTIVE, clipped, settled_frames
 from .pairs import PAIRING
 
 
-@dataclass(frozen=True)
-class BlockOptions:
-    """What is named again together.
+class BLOCKS:
+    """What is named again together."""
 
-    size    physical: markers at a time: a heel, an ankle and a toe
-    points  memory and time: that each may be, the likeliest on its own, and choices of each block that are weighed
-            exactly; half names crowds alike
-    """
-
-    size: int = 3
-    points: int = 6
-
-
-BLOCKS = BlockOptions()
+    size: int = 3  # physical: markers at a time: a heel, an ankle and a toe
+    # memory and time: that each may be, the likeliest on its own, and choices of each block that are weighed exactly;
+    # half names crowds alike
+    points: int = 6  # memory
 
 
 def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:

@@ -18,38 +18,29 @@ from .tracklets import PlacedMarkers, Tracklets
 
 @dataclass(frozen=True)
 class LikenessOptions:
-    """How distances are weighed.
+    """How distances are weighed."""
 
-    neighbours        measured: of a marker whose distances keep best, and are there, that are asked; with 8 people of
-                      other labs lose 2 %, with 18 plates do
-    considered        measured: of a marker, of which those are taken; with 12 people of other labs lose 2 %
-    min_neighbours    below which nothing is said: so many distances fix a place
-    independent       measured: of the neighbours asked, whose distances err together; with 3 names of 1 % of plates are
-                      wrong, with 6 still trials lose 2 %
-    max_square        standard deviations², beyond which a distance is no worse, and a blob is not the marker's; with 9
-                      plates lose 2 %, with 32 names of 1 % of crowds are wrong
-    wide_m            m, that a marker's place is known to, whatever its neighbours say
-    ghost_density     physical: points that are no marker in a cubic metre: one or two where a person moves
-    sample_s          measured: s that a tracklet must be longer to say as much again; with twice plates lose 2 %
-    max_samples       measured: what it can say at most, in such times; with 4 names of 1 % of people of other labs are
-                      wrong, with 9 they lose 3 %
-    block             memory: frames of tracklets at once
-    change_s          s, in which its distances become what they are at any time
-    link_sd_m         m, by which they change in no time
-    """
-
-    neighbours: int = 12
-    considered: int = 18
-    min_neighbours: int = MIN_POINTS
-    independent: float = 4.0
+    # of a marker whose distances keep best, and are there, that are asked; with 8 people of other labs lose 2 %, with
+    # 18 plates do
+    neighbours: int = 12  # measured
+    considered: int = 18  # measured: of a marker, of which those are taken; with 12 people of other labs lose 2 %
+    min_neighbours: int = MIN_POINTS  # below which nothing is said: so many distances fix a place
+    # of the neighbours asked, whose distances err together; with 3 names of 1 % of plates are wrong, with 6 still
+    # trials lose 2 %
+    independent: float = 4.0  # measured
+    # standard deviations², beyond which a distance is no worse, and a blob is not the marker's; with 9 plates lose 2 %,
+    # with 32 names of 1 % of crowds are wrong
     max_square: float = Rules.max_square
-    wide_m: float = MARKER_LIMITS.limb_m
-    ghost_density: float = 0.3
-    sample_s: float = 0.25
-    max_samples: float = 6.0
-    block: int = 384
-    change_s: float = PAIRING.min_s
-    link_sd_m: float = MARKER_LIMITS.skin_m
+    wide_m: float = MARKER_LIMITS.limb_m  # m, that a marker's place is known to, whatever its neighbours say
+    ghost_density: float = 0.3  # physical: points that are no marker in a cubic metre: one or two where a person moves
+    # s that a tracklet must be longer to say as much again; with twice plates lose 2 %
+    sample_s: float = 0.25  # measured
+    # what it can say at most, in such times; with 4 names of 1 % of people of other labs are wrong, with 9 they lose 3
+    # %
+    max_samples: float = 6.0  # measured
+    block: int = 384  # memory: frames of tracklets at once
+    change_s: float = PAIRING.min_s  # s, in which its distances become what they are at any time
+    link_sd_m: float = MARKER_LIMITS.skin_m  # m, by which they change in no time
 
 
 LIKENESS = LikenessOptions()

@@ -40,19 +40,14 @@ NO_POINTS = np.zeros((0, 3))
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The last moment: points (T, L, 3) m, NaN where missing, of L trajectories with a number each (L,).
+    """The last moment: points (T, L, 3) m, NaN where missing, of L trajectories with a number each (L,)."""
 
-    row     of its first frame since the stream began
-    rate    frames a second
-    marker  (L,) what each trajectory is called so far, NO_MARKER where it is not
-    shown   (K, M, 3) m where the markers of whoever is there were before, in some frames, NaN where one was not
-    """
-
-    row: int
-    rate: float
+    row: int  # of its first frame since the stream began
+    rate: float  # frames a second
     number: np.ndarray
     xyz: np.ndarray
-    marker: np.ndarray
+    marker: np.ndarray  # (L,) what each trajectory is called so far, NO_MARKER where it is not
+    # (K, M, 3) m where the markers of whoever is there were before, in some frames, NaN where one was not
     shown: np.ndarray
 
     @property
@@ -63,17 +58,13 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class WindowNames:
-    """What came of a window: marker (L,) of trajectories number (L,), NO_MARKER where none is sure.
-
-    refused   why, else empty
-    anew      whether they are not as it was known of who was there before
-    subjects  where somebody has asked for it, the size and shape of everybody who may wear them, as `subject_in`
-    """
+    """What came of a window: marker (L,) of trajectories number (L,), NO_MARKER where none is sure."""
 
     number: np.ndarray
     marker: np.ndarray
-    refused: str = ""
-    anew: bool = False
+    refused: str = ""  # why, else empty
+    anew: bool = False  # whether they are not as it was known of who was there before
+    # where somebody has asked for it, the size and shape of everybody who may wear them, as `subject_in`
     subjects: tuple[Bodies | None, ...] = ()
 
 

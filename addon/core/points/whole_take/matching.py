@@ -14,40 +14,28 @@ from ...data.takes import NO_MARKER
 from ..tracklets import VOTE
 
 
-@dataclass(frozen=True)
-class TakeMatchingOptions:
-    """How what is open is decided.
+class TAKE_MATCHING:
+    """How what is open is decided."""
 
-    max_tried  memory and time: names that hang together of which all choices are tried one by one; of more SciPy's
-               solver takes less, but it takes long to load
-    least      format: log odds by which one naming is better than another: rounding must not choose between equals, of
-               which the first tracklets have the first markers
-    order      format: log odds that of more names the first of the tracklets loses by being the last of the markers
-    """
-
-    max_tried: int = 20
-    least: float = 1e-6
-    order: float = 0.01
-
-
-TAKE_MATCHING = TakeMatchingOptions()
+    # memory and time: names that hang together of which all choices are tried one by one; of more SciPy's solver takes
+    # less, but it takes long to load
+    max_tried: int = 20  # memory
+    # log odds by which one naming is better than another: rounding must not choose between equals, of which the first
+    # tracklets have the first markers
+    least: float = 1e-6  # format
+    # log odds that of more names the first of the tracklets loses by being the last of the markers
+    order: float = 0.01  # format
 
 
 @dataclass(frozen=True, eq=False)
 class Names:
-    """K names that tracklets may have, in the order of the tracklets.
+    """K names that tracklets may have, in the order of the tracklets."""
 
-    tracklet, marker  (K,)
-    worth             (K,) log odds, above 0
-    rivals            (2, R) any two of one tracklet, and
-    clashes           (2, C) any two of one marker that are there at a time, of which one at most can be right; each
-                      two both ways round
-    """
-
-    tracklet: np.ndarray
-    marker: np.ndarray
-    worth: np.ndarray
-    rivals: np.ndarray
+    tracklet: np.ndarray  # (K,) whose, and
+    marker: np.ndarray  # (K,) which
+    worth: np.ndarray  # (K,) log odds, above 0
+    rivals: np.ndarray  # (2, R) any two of one tracklet, and
+    # (2, C) any two of one marker that are there at a time, of which one at most can be right; each two both ways round
     clashes: np.ndarray
 
     @property

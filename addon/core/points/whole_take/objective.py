@@ -42,67 +42,49 @@ from .tracklets import FrameLabels, PlacedMarkers, Tracklets, seen_in
 
 @dataclass(frozen=True)
 class Freedom:
-    """What is allowed for beyond the training: bends and motion_m of the body, layout_m of the markers' places.
+    """What is allowed for beyond the training: bends and motion_m of the body, layout_m of the markers' places."""
 
-    bend      standard deviation of a distance, over its square, 1/m: what is far from each other is on no one bone
-    motion_m  the same of any distance
-    layout_m  of a distance's mean
-    link      log odds that how a marker went on over gaps may say at most
-    """
-
-    bend: float
-    motion_m: float
-    layout_m: float
-    link: float
+    bend: float  # standard deviation of a distance, over its square, 1/m: what is far from each other is on no one bone
+    motion_m: float  # the same of any distance
+    layout_m: float  # of a distance's mean
+    link: float  # log odds that how a marker went on over gaps may say at most
 
 
-@dataclass(frozen=True)
-class ObjectiveOptions:
-    """What the objective looks at.
+class OBJECTIVE:
+    """What the objective looks at."""
 
-    frames     memory: whose shape is asked, and sides, out of so many times as many that show most of the markers
-    min_seen   physical: markers of a set, and of a frame that is asked: fewer have a place and a facing, and hardly a
-               shape; a fifth is in one place by its distances to four
-    max_marker measured: log likelihood of a frame's shape that the point of one marker wins or loses, and by which any
-               frame's names must be ahead to be no question; unclipped, it is for wrong names, by 8 to 228, in eight
-               of ten takes of other labs; exchanged wrists are ahead by 2.9 to 4.7
-    shape      measured: L over the frames of the take; at 0.5 no exchange of two or of a limb is worth more than the
-               truth in 26 takes of crowd, frame, lab-1, others and pieces: by 1.85 a frame less at least
-    extra      measured: log odds that an unmodelled marker must bring; with 4 or 8 takes of other labs lose 3 to 5 %
-    """
-
-    frames: int = 16
-    min_seen: int = 5
-    max_marker: float = 6.0
-    shape: float = 0.5
-    extra: float = 12.0
+    # whose shape is asked, and sides, out of so many times as many that show most of the markers
+    frames: int = 16  # memory
+    # markers of a set, and of a frame that is asked: fewer have a place and a facing, and hardly a shape; a fifth is in
+    # one place by its distances to four
+    min_seen: int = 5  # physical
+    # log likelihood of a frame's shape that the point of one marker wins or loses, and by which any frame's names must
+    # be ahead to be no question; unclipped, it is for wrong names, by 8 to 228, in eight of ten takes of other labs;
+    # exchanged wrists are ahead by 2.9 to 4.7
+    max_marker: float = 6.0  # measured
+    # L over the frames of the take; at 0.5 no exchange of two or of a limb is worth more than the truth in 26 takes of
+    # crowd, frame, lab-1, others and pieces: by 1.85 a frame less at least
+    shape: float = 0.5  # measured
+    # log odds that an unmodelled marker must bring; with 4 or 8 takes of other labs lose 3 to 5 %
+    extra: float = 12.0  # measured
 
 
-OBJECTIVE = ObjectiveOptions()
 USUAL_FREEDOM = Freedom(0.1, 0.0, 0.0, 8.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A naming of N tracklets, and what follows from it.
+    """A naming of N tracklets, and what follows from it."""
 
-    marker   (N,) of each, NO_MARKER for none
-    placed   (F, M + E, 3) m where each marker is in the frames that are looked at, NaN where it is not
-    moments  of the distances between the markers
-    odds     (N,) log odds of each name given the others, 0 of none
-    slots    what bears out where training knows the markers to be, and `layout` what the names are worth by it
-    total    the first sum of the objective
-    settled  the frames whose shape is asked; None where none shows enough
-    """
-
-    marker: np.ndarray
-    placed: np.ndarray
-    moments: Moments
-    odds: np.ndarray
+    marker: np.ndarray  # (N,) of each, NO_MARKER for none
+    placed: np.ndarray  # (F, M + E, 3) m where each marker is in the frames that are looked at, NaN where it is not
+    moments: Moments  # of the distances between the markers
+    odds: np.ndarray  # (N,) log odds of each name given the others, 0 of none
+    # what bears out where training knows the markers to be, and `layout` what the names are worth by it
     slots: LayoutOdds
     layout: float
-    total: float
-    settled: Settled | None
+    total: float  # the first sum of the objective
+    settled: Settled | None  # the frames whose shape is asked; None where none shows enough
 
 
 class Objective:

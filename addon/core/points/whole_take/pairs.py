@@ -21,40 +21,29 @@ from ..likelihood.shape import SUBJECT_PRIOR
 from ..models import Model
 
 
-@dataclass(frozen=True)
-class PairOptions:
-    """How distances are learned.
+class PAIRING:
+    """How distances are learned."""
 
-    min_frames        physical: of a subject, or of a tracklet, that show how it moves: a third of a second
-    min_s             physical: s, the same of a tracklet that has few frames a second: less than a step; with 30 frames
-                      in its place, 4 % of names at 25 a second are wrong, and with this alone 6 % of a take at 240
-    shapes            memory: drawn from a likelihood of which few frames were kept
-    length_sd         measured: of a distance of other subjects than those of the training, besides their size, in
-                      parts of it; with 0.03 two of 48 parts of people lose 4 and 13 % of their names
-    max_confused_m    physical: m, between two markers that may be taken for each other: a forearm or a shank's half
-    within_frames     measured: frames that training's spread counts for when the take shows another; half of it loses
-                      1 % of still trials
-    unknown_frames    measured: the same of a guess where training knows nothing; with as many, people of other labs
-                      lose 5 %, and names of 2 % are wrong
-    min_sway          physical: of a subject's size, that distances vary by where poses are shown; standing is 0.01
-    independent       measured: frames of a take that say as much as one independent one, as neighbours show the same
-                      pose; with 1 plates lose 2 %
-    block             memory: frames at once
-    """
-
-    min_frames: int = 30
-    min_s: float = 0.3
-    shapes: int = 400
-    length_sd: float = 0.04
-    max_confused_m: float = 0.35
-    within_frames: float = 8.0
-    unknown_frames: float = 0.5
-    min_sway: float = 0.03
-    independent: float = 4.0
-    block: int = 64
-
-
-PAIRING = PairOptions()
+    min_frames: int = 30  # physical: of a subject, or of a tracklet, that show how it moves: a third of a second
+    # s, the same of a tracklet that has few frames a second: less than a step; with 30 frames in its place, 4 % of
+    # names at 25 a second are wrong, and with this alone 6 % of a take at 240
+    min_s: float = 0.3  # physical
+    shapes: int = 400  # memory: drawn from a likelihood of which few frames were kept
+    # of a distance of other subjects than those of the training, besides their size, in parts of it; with 0.03 two of
+    # 48 parts of people lose 4 and 13 % of their names
+    length_sd: float = 0.04  # measured
+    # m, between two markers that may be taken for each other: a forearm or a shank's half
+    max_confused_m: float = 0.35  # physical
+    # frames that training's spread counts for when the take shows another; half of it loses 1 % of still trials
+    within_frames: float = 8.0  # measured
+    # the same of a guess where training knows nothing; with as many, people of other labs lose 5 %, and names of 2 %
+    # are wrong
+    unknown_frames: float = 0.5  # measured
+    # of a subject's size, that distances vary by where poses are shown; standing is 0.01
+    min_sway: float = 0.03  # physical
+    # frames of a take that say as much as one independent one, as neighbours show the same pose; with 1 plates lose 2 %
+    independent: float = 4.0  # measured
+    block: int = 64  # memory: frames at once
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,17 +40,11 @@ if TYPE_CHECKING:  # most sets are on no rigid bodies
     from .recognition import Recognition
 
 
-@dataclass(frozen=True)
-class AskingOptions:
-    """How often frames are named on their own.
+class ASKING:
+    """How often frames are named on their own."""
 
-    rate  measured: frames a second; with 10 names of 2 % of a part of acrobatics are wrong, 30 change no label of it
-    """
-
-    rate: float = 15.0
-
-
-ASKING = AskingOptions()
+    # frames a second; with 10 names of 2 % of a part of acrobatics are wrong, 30 change no label of it
+    rate: float = 15.0  # measured
 
 
 def asked_frames(tracklet: np.ndarray, rate: float) -> np.ndarray:
@@ -98,26 +92,17 @@ COST_OF_LEARNING = 6.0  # times that each frame is named in which the subject of
 
 @dataclass(frozen=True)
 class PointOptions:
-    """How points are named.
+    """How points are named."""
 
-    method  as `models.chosen_method` gives it
-    target  the part of the labels that must be right; what is less sure is left unnamed; names by motion know none
-    edits   what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
-    room    where large tables of what comes of a take are kept; with edits they are in memory
-    force   name the points although the take cannot be as it says, or is not of the model's markers
-    traced  the points are where rays of blobs meet: their cameras say what cannot be
-    finer   the body is posed with what joints its markers can show beside those that they are named by
-    search  which moves are tried on a take, as in `solve_take`
-    """
-
-    method: str
+    method: str  # as `models.chosen_method` gives it
+    # the part of the labels that must be right; what is less sure is left unnamed; names by motion know none
     target: float = USUAL_TARGET
-    edits: Edits = NO_EDITS
-    room: MakeTable = IN_MEMORY
-    force: bool = False
-    traced: bool = False
-    finer: bool = False
-    search: Moves = "all"
+    edits: Edits = NO_EDITS  # what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
+    room: MakeTable = IN_MEMORY  # where large tables of what comes of a take are kept; with edits they are in memory
+    force: bool = False  # name the points although the take cannot be as it says, or is not of the model's markers
+    traced: bool = False  # the points are where rays of blobs meet: their cameras say what cannot be
+    finer: bool = False  # the body is posed with what joints its markers can show beside those that they are named by
+    search: Moves = "all"  # which moves are tried on a take, as in `solve_take`
 
 
 def label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:
@@ -156,31 +141,20 @@ Refuse = Callable[[Model, Namer, Made, bool], Sample | None]
 
 @dataclass(frozen=True, eq=False)
 class NamedFrames:
-    """What the frames of a take say on their own; where its rigid bodies are others, what their motion says.
-
-    tracklet     (T, L) the tracklet of every point
-    model        as it is for the take
-    recognition  what the take itself tells of the rigid bodies in it; None of a set that is not on such
-    namer        what names frames
-    labels       (T, P), with their `rate`; of a long take worked out when they are asked for
-    solvable     whether the take can be solved as a whole
-    room         as in `PointOptions`
-    sure         whether some frames were sure enough of the model's markers before all were named
-    search       as in `PointOptions`
-    shown        (K, M, 3) m where the subject's markers were in other frames, NaN where one was not; None where nobody
-                 knows
-    """
+    """What the frames of a take say on their own; where its rigid bodies are others, what their motion says."""
 
     take: Points
-    tracklet: np.ndarray
-    model: Model
+    tracklet: np.ndarray  # (T, L) the tracklet of every point
+    model: Model  # as it is for the take
+    # what the take itself tells of the rigid bodies in it; None of a set that is not on such
     recognition: "Recognition | None"
-    namer: Namer
-    labels: FrameLabels
-    solvable: bool
-    room: MakeTable
-    sure: bool = True
-    search: Moves = "all"
+    namer: Namer  # what names frames
+    labels: FrameLabels  # (T, P), with their `rate`; of a long take worked out when they are asked for
+    solvable: bool  # whether the take can be solved as a whole
+    room: MakeTable  # as in `PointOptions`
+    sure: bool = True  # whether some frames were sure enough of the model's markers before all were named
+    search: Moves = "all"  # as in `PointOptions`
+    # (K, M, 3) m where the subject's markers were in other frames, NaN where one was not; None where nobody knows
     shown: np.ndarray | None = None
 
     @property

@@ -24,23 +24,15 @@ MOTION_CONFIDENCE = 0.99  # of a name that only the motion of the whole take giv
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """What a take itself tells of the rigid bodies in it.
+    """What a take itself tells of the rigid bodies in it."""
 
-    cluster   (K,) which of its clusters each rigid body surely is, NO_CLUSTER where none or not sure
-    placed    which point of the clusters each marker is
-    sure      (M,) True where that is sure
-    clusters  of the take
-    tracklet  (T, P) the number of the tracklet of each point, -1 where there is none
-    single    (N,) for each tracklet the marker on no rigid body that it surely is, -1 for most
-    known     True where the rigid bodies are the model's own, False where they are others, None where nothing says
-    """
-
-    cluster: np.ndarray
-    placed: Placed
-    sure: np.ndarray
-    clusters: tuple[Cluster, ...]
-    tracklet: np.ndarray
-    single: np.ndarray
+    cluster: np.ndarray  # (K,) which of its clusters each rigid body surely is, NO_CLUSTER where none or not sure
+    placed: Placed  # which point of the clusters each marker is
+    sure: np.ndarray  # (M,) True where that is sure
+    clusters: tuple[Cluster, ...]  # of the take
+    tracklet: np.ndarray  # (T, P) the number of the tracklet of each point, -1 where there is none
+    single: np.ndarray  # (N,) for each tracklet the marker on no rigid body that it surely is, -1 for most
+    # True where the rigid bodies are the model's own, False where they are others, None where nothing says
     known: bool | None
 
     @property

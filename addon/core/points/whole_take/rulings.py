@@ -21,32 +21,20 @@ if TYPE_CHECKING:
     from .solving import Solution
 
 
-@dataclass(frozen=True)
-class RulingOptions:
-    """How much edits say.
+class RULING:
+    """How much edits say."""
 
-    odds  format: log odds of what a person said: more than all frames and distances together
-    """
-
-    odds: float = 1000.0
-
-
-RULING = RulingOptions()
+    odds: float = 1000.0  # format: log odds of what a person said: more than all frames and distances together
 
 
 @dataclass(frozen=True, eq=False)
 class Rulings:
-    """What edits say of the points (T, P) of a take.
-
-    before    its labels without them, and `edited` with them
-    tracklet  (T, P) the number of each point's tracklet
-    solved    what the take came to without them, None where it was not solved
-    """
+    """What edits say of the points (T, P) of a take."""
 
     edited: Edited
-    before: Labels
-    tracklet: np.ndarray
-    solved: "Solution | None"
+    before: Labels  # its labels without them, and `edited` with them
+    tracklet: np.ndarray  # (T, P) the number of each point's tracklet
+    solved: "Solution | None"  # what the take came to without them, None where it was not solved
 
     @cached_property
     def carried(self) -> np.ndarray:

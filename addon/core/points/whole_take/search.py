@@ -35,45 +35,33 @@ from .pairs import without_markers
 from .rulings import RULING
 
 
-@dataclass(frozen=True)
-class SearchOptions:
-    """Which moves are tried.
+class SEARCH:
+    """Which moves are tried."""
 
-    sizes      physical: of a neighbourhood, a marker and those nearest to it: a hand, a forearm, a foot with its shank
-    least      format: nats in all of the take by which a naming must be worth more: rounding must not choose of equals
-    borne_out  measured: of the odds a frame of the usual marker, with less of which one is in doubt; in takes that are
-               right 0.68 at least, and where limbs are one place off some marker has less
-    sweeps     measured: over all groups; with one 2 % of plates and of people of other labs are lost
-    chains     measured: that are tried; with 16 a turned plate of S02 is not found
-    links      physical: of a chain: a shoulder, an elbow and a hand's three
-    width      memory: chains that are gone on with
-    """
-
-    sizes: tuple[int, ...] = (5, 9, 14)
-    least: float = 5.0
-    borne_out: float = 0.6
-    sweeps: int = 3
-    chains: int = 48
-    links: int = 5
-    width: int = 30
+    # of a neighbourhood, a marker and those nearest to it: a hand, a forearm, a foot with its shank
+    sizes: tuple[int, ...] = (5, 9, 14)  # physical
+    # nats in all of the take by which a naming must be worth more: rounding must not choose of equals
+    least: float = 5.0  # format
+    # of the odds a frame of the usual marker, with less of which one is in doubt; in takes that are right 0.68 at
+    # least, and where limbs are one place off some marker has less
+    borne_out: float = 0.6  # measured
+    sweeps: int = 3  # measured: over all groups; with one 2 % of plates and of people of other labs are lost
+    chains: int = 48  # measured: that are tried; with 16 a turned plate of S02 is not found
+    links: int = 5  # physical: of a chain: a shoulder, an elbow and a hand's three
+    width: int = 30  # memory: chains that are gone on with
 
 
-SEARCH = SearchOptions()
 Moves = Literal["all", "exchanges", "none"]
 
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """What may have a marker's name: all that has one name so far, and what has none and is usually there.
+    """What may have a marker's name: all that has one name so far, and what has none and is usually there."""
 
-    own      (N,) the slot of each tracklet, NO_MARKER for none; those without a name follow on the M + E names
-    layout   what bears out where training knows the markers to be
-    settled  the frames whose shape is asked; None where none shows enough
-    """
-
+    # (N,) the slot of each tracklet, NO_MARKER for none; those without a name follow on the M + E names
     own: np.ndarray
-    layout: LayoutOdds
-    settled: Settled | None
+    layout: LayoutOdds  # what bears out where training knows the markers to be
+    settled: Settled | None  # the frames whose shape is asked; None where none shows enough
 
     def __len__(self) -> int:
         return len(self.layout.coverage)

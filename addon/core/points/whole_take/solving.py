@@ -27,64 +27,42 @@ from .search import SEARCH, Moves, Search
 from .tracklets import FrameLabels, Tracklets, tracklets_of
 
 
-@dataclass(frozen=True)
-class RoundOptions:
-    """How names spread.
+class ROUNDS:
+    """How names spread."""
 
-    margin       log odds that a tracklet's name must be ahead of any other to be believed in the next; measured: twice
-                 loses 4 % of takes of other labs, half nothing
-    freedoms     that follow each other; with the last alone takes of other labs lose 1 %, without the first a crowd of
-                 which frames know the trunk only loses a third
-    max_rounds   memory and time: of each; with half a plate of others is named as another
-    """
-
-    margin: float = 4.0
+    # log odds that a tracklet's name must be ahead of any other to be believed in the next; measured: twice loses 4 %
+    # of takes of other labs, half nothing
+    margin: float = 4.0  # measured
+    # that follow each other; with the last alone takes of other labs lose 1 %, without the first a crowd of which
+    # frames know the trunk only loses a third
     freedoms: tuple[Freedom, ...] = (Freedom(0.0, 0.0, 0.0, 0.0), USUAL_FREEDOM, Freedom(0.25, 0.05, 0.05, 12.0))
-    max_rounds: int = 8
+    max_rounds: int = 8  # memory and time: of each; with half a plate of others is named as another
 
 
-@dataclass(frozen=True)
-class MarginOptions:
-    """How sure a name is, by what else was tried.
+class MARGINS:
+    """How sure a name is, by what else was tried."""
 
-    looks  measured: independent looks that a take is worth for a group of markers: its layout is off in all frames
-           alike; with 1 known people lose 4 to 9 % of their labels, with 2.75 takes of other labs have wrong ones
-    there  measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
-    """
-
-    looks: float = 1.5
-    there: float = 3.0
-
-
-ROUNDS = RoundOptions()
-MARGINS = MarginOptions()
+    # independent looks that a take is worth for a group of markers: its layout is off in all frames alike; with 1 known
+    # people lose 4 to 9 % of their labels, with 2.75 takes of other labs have wrong ones
+    looks: float = 1.5  # measured
+    there: float = 3.0  # measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What a take as a whole says of its N tracklets.
-
-    marker     (N,) of each, NO_MARKER for none
-    every      (N,) the same with the names of `extras` unmodelled markers, which follow on the set's
-    margin     (N,) log odds by which that is ahead of any other name, or none
-    rivals     other names (N,), of which each tracklet's nearest rival is one
-    likely     (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
-    questions  markers that may have another's name in most of the take
-    crowd      whether more is on the subject than the set's markers
-    fit        how the markers sit as their set has them; the residual in a crowd alone
-    near       (M, K) the nearest of each marker, one of which has to be there with it; None where that is not asked
-    """
+    """What a take as a whole says of its N tracklets."""
 
     tracklets: Tracklets
-    marker: np.ndarray
-    every: np.ndarray
+    marker: np.ndarray  # (N,) of each, NO_MARKER for none
+    every: np.ndarray  # (N,) the same with the names of `extras` unmodelled markers, which follow on the set's
     extras: int
-    margin: np.ndarray
-    rivals: tuple[np.ndarray, ...]
-    likely: np.ndarray
-    questions: tuple[Question, ...]
-    crowd: bool = False
-    fit: SetFit = NO_FIT
+    margin: np.ndarray  # (N,) log odds by which that is ahead of any other name, or none
+    rivals: tuple[np.ndarray, ...]  # other names (N,), of which each tracklet's nearest rival is one
+    likely: np.ndarray  # (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
+    questions: tuple[Question, ...]  # markers that may have another's name in most of the take
+    crowd: bool = False  # whether more is on the subject than the set's markers
+    fit: SetFit = NO_FIT  # how the markers sit as their set has them; the residual in a crowd alone
+    # (M, K) the nearest of each marker, one of which has to be there with it; None where that is not asked
     near: np.ndarray | None = None
 
 

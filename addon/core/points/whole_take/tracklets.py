@@ -12,44 +12,28 @@ from ...data.takes import BY_TRAJECTORY, NO_MARKER, Labels
 from ..tracklets import VOTE, frame_log_odds
 
 
-@dataclass(frozen=True)
-class VotingOptions:
-    """What of a tracklet's frames is looked at.
+class VOTING:
+    """What of a tracklet's frames is looked at."""
 
-    max_votes  measured: log odds that all frames that were named on their own can say; half loses 7 % of still trials
-    samples    memory: frames whose distances are asked
-    """
-
-    max_votes: float = 8.0
-    samples: int = 12
-
-
-VOTING = VotingOptions()
+    # log odds that all frames that were named on their own can say; half loses 7 % of still trials
+    max_votes: float = 8.0  # measured
+    samples: int = 12  # memory: frames whose distances are asked
 
 
 @dataclass(frozen=True, eq=False)
 class Tracklets:
-    """N tracklets of a take.
+    """N tracklets of a take."""
 
-    first, last  (N,) their first and last frame, 0-based, both included
-    count        (N,) frames in which they have a point
-    frame        (N, S) frames that are looked at, -1 beyond those that a tracklet has
-    xyz          (N, S, 3) m, the points there
-    votes        (N, M) log odds that frames add up to, of each marker
-    lane         (N,) in which each stands
-    table        (T, L) which tracklet every point of the take is of, -1 where there is none
-    held         (N,) the marker that a person says each is, NO_MARKER where nobody does
-    """
-
+    # (N,) their first and last frame, 0-based, both included
     first: np.ndarray
     last: np.ndarray
-    count: np.ndarray
-    frame: np.ndarray
-    xyz: np.ndarray
-    votes: np.ndarray
-    lane: np.ndarray
-    table: np.ndarray
-    held: np.ndarray
+    count: np.ndarray  # (N,) frames in which they have a point
+    frame: np.ndarray  # (N, S) frames that are looked at, -1 beyond those that a tracklet has
+    xyz: np.ndarray  # (N, S, 3) m, the points there
+    votes: np.ndarray  # (N, M) log odds that frames add up to, of each marker
+    lane: np.ndarray  # (N,) in which each stands
+    table: np.ndarray  # (T, L) which tracklet every point of the take is of, -1 where there is none
+    held: np.ndarray  # (N,) the marker that a person says each is, NO_MARKER where nobody does
 
     def __len__(self) -> int:
         return len(self.first)
@@ -177,18 +161,13 @@ def _numbered(tracklet: np.ndarray) -> tuple[np.ndarray, ...]:
 
 @dataclass(frozen=True, eq=False)
 class LabelsBetween:
-    """What all frames of tracklets say, where only some were asked: worked out for the frames that are looked at.
+    """What all frames of tracklets say, where only some were asked: worked out for the frames that are looked at."""
 
-    asked          (F, L) labels of the frames that were asked, with their `rate`
-    frames         (F,) which they are, ascending
-    tracklet       (T, L)
-    before, after  (F, L) the last of those frames, up to each of them, in which a lane has a point, and the first from
-                   it on; by their places in `frames`, -1 where there is none
-    """
-
-    asked: Labels
-    frames: np.ndarray
-    tracklet: np.ndarray
+    asked: Labels  # (F, L) labels of the frames that were asked, with their `rate`
+    frames: np.ndarray  # (F,) which they are, ascending
+    tracklet: np.ndarray  # (T, L)
+    # (F, L) the last of those frames, up to each of them, in which a lane has a point, and the first from it on; by
+    # their places in `frames`, -1 where there is none
     before: np.ndarray
     after: np.ndarray
 

@@ -14,7 +14,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned, upright_aligned
 from addon.core.points.likelihood import solving
-from addon.core.points.likelihood.distances import ConstraintOptions, learn_constraints, size_and_fit
+from addon.core.points.likelihood.distances import CONSTRAINING, learn_constraints, size_and_fit
 from addon.core.points.likelihood.frames import label_frames, label_some
 from addon.core.points.likelihood.learn import learn_likelihood, make_trial
 from addon.core.points.likelihood.naming import IMPOSSIBLE, NO_POINT, name_worth, one_to_one, settle
@@ -159,8 +159,8 @@ def scene(monkeypatch):
     shape = learn_shape([clouds])
     constraints = replace(learn_constraints([clouds], shape.radius), size_sd=1e-12)
     assert len(constraints) > 0
-    monkeypatch.setattr("addon.core.points.likelihood.distances.CONSTRAINING", ConstraintOptions(max_cost=1e9))
-    monkeypatch.setattr(solving, "SOLVING", solving.SolvingOptions(max_distance_radii=20.0))
+    monkeypatch.setattr(CONSTRAINING, "max_cost", 1e9)
+    monkeypatch.setattr(solving.SOLVING, "max_distance_radii", 20.0)
     points = upright_aligned(clouds[:1], shape.mean)
     points = np.concatenate([points, rng.normal(size=(1, 3, 3))], axis=1)
     model = Latent(shape)

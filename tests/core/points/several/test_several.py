@@ -16,7 +16,7 @@ from addon.core.data.takes import Labels, Points
 from addon.core.geometry.rotations import exponential, rotation_vector
 from addon.core.geometry.upright import turned
 from addon.core.points.motion import motion_of
-from addon.core.points.refusals import RefusalOptions
+from addon.core.points.refusals import REFUSAL
 from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.affinity import Affinity
 from addon.core.points.several.identification import UnidentifiedPresence, doubt_contested, lacking, share
@@ -107,7 +107,7 @@ def test_whom_single_frames_are_not_sure_of_must_sit_as_the_set_has_them_once_al
     assert right_of(found, truth, take) > 0.95
     shared = []
     monkeypatch.setattr(pipeline, "share", lambda *given: shared.append(given) or share(*given))
-    monkeypatch.setattr(bodies, "REFUSAL", RefusalOptions(max_residual=1e-3))
+    monkeypatch.setattr(REFUSAL, "max_residual", 1e-3)
     with pytest.raises(JobError, match="fewer than 2 subjects"):
         labelled(take, 2)
     assert shared, "nobody is judged before"
