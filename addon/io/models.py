@@ -18,7 +18,15 @@ from ..core.points.likelihood.shape import Shape
 from ..core.points.likelihood.sides import NO_SIDES, Sides
 from ..core.points.models import Model, TrainingTake
 from ..core.points.rigid_bodies.model import RigidBodies
-from .markersets import Reader, builtin_markersets, document_of, markerset_file, markerset_in, open_document, open_markerset
+from .markersets import (
+    Reader,
+    builtin_markersets,
+    document_of,
+    markerset_file,
+    markerset_in,
+    open_document,
+    open_markerset,
+)
 from .model_history import HISTORY, fingerprint_of, own_models, read_history
 from .packing import MAX_PACKED_BYTES, declared_bytes, pack, to_json, unpack
 from .text import rounded, write_json

@@ -57,7 +57,7 @@ def in_every_file(out, stem: str):
 
 
 def test_two_are_named_in_every_file(label, figures, pair, tmp_path):
-    assert "; expected a take of one, so ask for all of them by --model MODEL and --subj" in label("--model", WORN).reason
+    assert "; expected a take of one, so ask for all of them by --model MODEL and" in label("--model", WORN).reason
     label("--model", WORN, "--subjects", "2", "--trc").quiet()
     found = figures(tmp_path / "out/pair.labels.csv", pair / "truth.csv")
     assert found["precision"] == 1 and found["recall"] > 0.95
