@@ -37,7 +37,7 @@ def _count(text: str) -> int:
 
 def _wearer(text: str) -> tuple[str, str]:
     name, equals, model = text.partition("=")
-    if not equals or not name or not model:
+    if not equals or not name or model in ("", AUTO_MODEL):
         words = f"{text[:60]!r} says not who wears what"
         raise argparse.ArgumentTypeError(f"{words}; expected NAME=MODEL, such as ann=body26")
     if not is_subject_name(name):
