@@ -114,13 +114,20 @@ def mistaken_unit(
     """
     if model.likelihood is None:
         return None
-    own, seen = _sizes(model.likelihood.shape.mean[None]), _sizes(points)
+    return _mistaken_unit(model.markerset.name, model.likelihood.shape.mean, points, sure)
+
+
+def _mistaken_unit(
+    name: str, form: np.ndarray, points: np.ndarray, sure: Callable[[np.ndarray], bool] | None = None
+) -> ForceableError | None:
+    """The same of a set's name, and where its usual wearer has markers (M, 3) m."""
+    own, seen = _sizes(form[None]), _sizes(points)
     with np.errstate(divide="ignore"):  # of points that are all in one place
         off = {pair: np.abs(np.log(seen * UNIT_M[pair[0]] / UNIT_M[pair[1]] / own)) for pair in permutations(UNIT_M, 2)}
     near = [pair for pair in off if (off[pair] < np.log(POSSIBLE.max_size)).all()]
     for unit, taken_for in sorted(near, key=lambda pair: off[pair][0]):
         times = UNIT_M[taken_for] / UNIT_M[unit]
-        apart = f"times as far apart as those of {model.markerset.name}"
+        apart = f"times as far apart as those of {name}"
         if sure is not None and sure(points / times):
             words = f"seems to be in {unit} and is taken for {taken_for}: its points are {times:.4g} {apart}"
             return ForceableError(f"{words}; expected a file that says their unit")
@@ -335,11 +342,17 @@ def _lopsided(markerset: MarkerSet, first: int, prefix: str) -> list[_Segment]:
 
 
 def refuse_labelled(markerset: MarkerSet, points: np.ndarray):
-    """Raises MirroredError where points (T, M, 3) m, NaN where missing, labelled as in the set, are mirrored for sure.
+    """Raises ForceableError where points (T, M, 3) m, NaN where missing, labelled as in the set, cannot be so.
 
-    A body is posed on some frames as they are, and on their mirror image; what is labelled may also have been named by
-    us, which `Handedness` tells.
+    By their size it is another unit that they are in, or they are mirrored for sure. For that a body is posed on some
+    frames as they are, and on their mirror image; what is labelled may also have been named by us, which `Handedness`
+    tells.
     """
+    worn = np.isfinite(points[..., 0]).any(axis=0)
+    some, form = points[evenly_spread(len(points), FRAMES_ASKED)], markerset.spread.height * markerset.rest_markers
+    unit = _mistaken_unit(markerset.name, form[worn], some[:, worn])
+    if unit is not None:
+        raise unit
     there = np.isfinite(points[..., 0]).sum(axis=1)
     fullest = np.flatnonzero(there >= max(POSING.min_markers, there.max(initial=0) - 1))
     if not len(fullest):
