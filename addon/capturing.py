@@ -145,6 +145,6 @@ def write_capture(
                 frames, blobs = frames + len(part.blobs.frames), blobs + len(names)
                 ghosts, merged = ghosts + names.count(""), merged + sum("|" in name for name in names)
                 yield Progress(frames / len(take.xyz), f"frame {part.blobs.frames[-1]}")
-        if not blobs:
+        if blobs == ghosts:
             raise JobError("the cameras see nothing of this take; expected a take within the room (see --centre)")
     return Captured(frames, blobs, ghosts, merged)

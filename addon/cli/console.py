@@ -97,13 +97,14 @@ def complain(trouble: UserError | str):
 @contextmanager
 def telling(kind: type[Warning]) -> Iterator[None]:
     """Warnings of this kind are lines as of `complain`, each once."""
-    shown = warnings.showwarning
+    shown, told = warnings.showwarning, set()
 
     def say(message, category, *where, **more):
-        if issubclass(category, kind):
-            complain(str(message))
-        else:
+        if not issubclass(category, kind):
             shown(message, category, *where, **more)
+        elif str(message) not in told:  # Python forgets what it has shown once any filter is changed
+            told.add(str(message))
+            complain(str(message))
 
     warnings.showwarning = say
     try:

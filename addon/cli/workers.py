@@ -216,4 +216,4 @@ def door() -> list[str]:
         return [blender, "--background", *named, "--command", EXTENSION]
     # Once bpy is imported, Blender's folders of scripts come first, and the bpy in them is none on its own.
     paths = [path for path in sys.path if not (Path(path) / "bpy" / "__init__.py").is_file()]
-    return [sys.executable, "-c", SCRIPT, str(ROOT), json.dumps(paths)]
+    return [sys.executable, "-P", "-c", SCRIPT, str(ROOT), json.dumps(paths)]

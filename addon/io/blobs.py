@@ -70,7 +70,11 @@ def read_blobs(
             if outside:
                 return
 
-    yield from _chunks(wanted(), chunk_frames)
+    for chunk in _chunks(wanted(), chunk_frames):
+        if chunk.keys and len(chunk.keys) >= 2 * len(set(chunk.keys)):  # which of two that are one would be a marker
+            words = f"has every blob of frames {words_of_range(chunk.blobs.frames[[0, -1]].tolist())} twice"
+            raise InputError(f"{words}; expected each of them once", path)
+        yield chunk
     if tally.last is None:
         if not own:
             raise InputError("has no blobs; expected at least one row", path)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ..core.data.errors import InputError
 from ..core.points.models import NO_HISTORY, ModelHistory, TaughtTake
-from .markersets import SUFFIX, builtin_markersets
+from .markersets import SUFFIX
 from .packing import NOT_PACKED, from_json
 from .text import can_be_written
 from .whole import free_path
@@ -51,16 +51,6 @@ def read_history(top: dict, path: Path) -> ModelHistory:
 def own_models(folder: Path) -> list[Path]:
     """The models in a user's folder, but for other versions of them."""
     return sorted(path for path in folder.glob(f"*{SUFFIX}") if not is_beside(path))
-
-
-def known_models(folder: Path | None) -> list[str]:
-    """The built-in models by their names, and those in a user's folder by their paths.
-
-    Raises InputError where that is no folder.
-    """
-    if folder is not None and not folder.is_dir():
-        raise InputError("is no folder; expected the one of your own marker sets", folder)
-    return [*builtin_markersets(), *(map(str, own_models(folder)) if folder else ())]
 
 
 def path_from(model: Path, file: Path) -> str:

@@ -4,6 +4,7 @@
 Learned numbers are text too, or dataclasses of arrays, packed; both come back as data alone.
 """
 
+import warnings
 from functools import lru_cache
 from pathlib import Path
 
@@ -17,10 +18,19 @@ from ..core.points.likelihood.shape import Shape
 from ..core.points.likelihood.sides import NO_SIDES, Sides
 from ..core.points.models import Model, TrainingTake
 from ..core.points.rigid_bodies.model import RigidBodies
-from .markersets import Reader, document_of, markerset_file, markerset_in, open_document, open_markerset
-from .model_history import HISTORY, fingerprint_of, read_history
+from .markersets import (
+    Reader,
+    builtin_markersets,
+    document_of,
+    markerset_file,
+    markerset_in,
+    open_document,
+    open_markerset,
+)
+from .model_history import HISTORY, fingerprint_of, own_models, read_history
 from .packing import MAX_PACKED_BYTES, declared_bytes, pack, to_json, unpack
 from .text import rounded, write_json
+from .whole import LeftAlone
 
 MAX_LEARNED = 1e9  # of a number that was learned; format
 
@@ -117,6 +127,23 @@ def open_model(name: str | Path) -> Model:
         return read_model(path)
     now = path.stat()
     return _as_it_was(path.resolve(), now.st_mtime_ns, now.st_size)
+
+
+def known_models(folder: Path | None) -> list[str]:
+    """The built-in models by their names, and those in a user's folder by their paths.
+
+    What is none is left out, with a warning. Raises InputError where that is no folder.
+    """
+    if folder is not None and not folder.is_dir():
+        raise InputError("is no folder; expected the one of your own marker sets", folder)
+    known = list(builtin_markersets())
+    for path in own_models(folder) if folder else ():
+        try:
+            open_model(path)
+            known.append(str(path))
+        except InputError as error:
+            warnings.warn(LeftAlone(f"{error}; it is not among the sets that are tried"), stacklevel=2)
+    return known
 
 
 @lru_cache(maxsize=8)  # several subjects have a model each

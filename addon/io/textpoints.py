@@ -5,6 +5,7 @@ import codecs
 import csv
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
@@ -370,16 +371,10 @@ def _rows(lines: list[str], start: int, path: Path) -> Iterator[tuple[int, list[
 
 
 def _rate(settings: dict[str, str], path: Path, given: float | None) -> float:
-    for key in ("export frame rate", "capture frame rate"):
-        try:
-            rate = float(settings.get(key, ""))
-        except ValueError:
-            continue
-        if MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
-            return rate
-    if given is not None:
-        return given
-    raise InputError("has no Export Frame Rate; expected frames a second, written there or given", path, 1)
+    export, capture = (settings.get(f"{what} frame rate", "") for what in ("export", "capture"))
+    with suppress(InputError):
+        return _rate_in_head(export, "", path, 1, None)
+    return _rate_in_head(capture, "Capture Frame Rate", path, 1, given)
 
 
 def _titles(lines: list[str], path: Path) -> tuple[dict[str, list[str]], int]:

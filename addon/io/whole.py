@@ -81,7 +81,7 @@ LIST = ".mocap-autolabel.json"  # in a folder of parts: what each part is like, 
 
 
 class LeftAlone(UserWarning):
-    """A folder that looks as if a killed run had left it, and is not surely so."""
+    """Something that was found, and is not what it looks like or may not be."""
 
 
 @contextmanager

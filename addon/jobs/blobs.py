@@ -83,15 +83,17 @@ class BlobTake(OpenTake):
         """Begins to name one subject, or finds all who are there."""
         job, cameras, model = self.job, self.cameras, self.model
         self.edits = self._tracked()
-        # Whoever corrected names has seen who is in the take.
-        self.others = OtherSubjects(cameras, model) if self.several is None and not self.edits else None
+        # Whoever corrected names, or wants them regardless, has seen who is in the take.
+        known = bool(self.several or self.edits or job.force)
+        self.others = None if known else OtherSubjects(cameras, model)
         if self.others is not None:
             yield Progress(0.0, "look how many there are")
             with timed(self.clock, "load"):
                 refuse_two(self._blobs, cameras, model)
             self.taken.clear()
         if self.several is None:
-            settings = BlobOptions(self.rate, job.method, job.target, job.hints, self._occlusion(), self.edits)
+            given = job.hints, self._occlusion(), self.edits, job.force
+            settings = BlobOptions(self.rate, job.method, job.target, *given)
             self.work = label_blobs(self._blobs(), cameras, model, settings)
             self.method, self.named_by, more = blob_method(settings), model.markerset, finer(model.markerset)
             self.check = CameraCheck(cameras, self.named_by)

@@ -21,7 +21,7 @@ from ..core.points.models import USUAL_TARGET, plain_method
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import AUTO_MODEL, markerset_file
-from ..io.model_history import known_models
+from ..io.models import known_models
 from ..io.provenance import REPORT, earlier_run, file_rows
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS, held_in, is_qtm
 from ..io.text import written

@@ -31,7 +31,7 @@ from .checking import KeptFile, as_taught, checking, files_of, kept_file, takes_
 from .job import timed
 from .models import USUAL_SEARCH, VersionPlaces, known_bodies
 from .pages import today
-from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes, refuse_mirrored, unseen_markers
+from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes, refuse_labels, unseen_markers
 
 CHECK_FROM = 0.75  # of the work where a model is trained on, when what got worse begins to be looked for
 
@@ -190,7 +190,7 @@ def _learned(
         digests = [digest(path) for path in job.takes]  # before they are read
         takes = [*read_takes(job.takes, job.subjects, job.known), *job.shown]
         if not job.force:
-            refuse_mirrored(takes, [*([base.markerset] if base else []), *bodies])
+            refuse_labels(takes, [*([base.markerset] if base else []), *bodies])
         kept, lost = unseen_markers(takes, bodies)
         markers = chosen_markers(takes, job.markers, base.markerset.markers if base else (), kept)
         # Of what was asked for, or learned before, nothing is left out.

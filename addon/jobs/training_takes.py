@@ -18,6 +18,7 @@ from ..core.review.answering import right_in
 from ..core.training.takes import LabelledTake, learnable, odd_size
 from ..core.training.transfer import known_body, known_places
 from ..io.edits import edits_beside, read_edits
+from ..io.models import MAX_MARKER_M
 from ..io.points import FilePoints, read_points
 from ..io.provenance import REPORT, own_output
 from ..io.text import can_be_named, written
@@ -68,6 +69,9 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
     with of_file(path):
         points = read_points(path, up=known.up, rate=known.rate)
         whole, xyz, doubled, filled = _named(points, trajectories_of(points, subject))
+        if np.nanmax(np.abs(xyz)) > MAX_MARKER_M:
+            words = f"has markers over {MAX_MARKER_M:g} m from its origin"
+            raise InputError(f"{words}; expected places in a room, and the unit that they are in")
     names = tuple(name.rpartition(":")[2] for name in whole)
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
     if filled:
@@ -82,8 +86,8 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
     return TakeFile(written(path.name), written(subject), names, xyz, tuple(doubts), path)
 
 
-def refuse_mirrored(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]):
-    """Raises MirroredError for the first take that is left-handed for sure, by a known body whose markers it names."""
+def refuse_labels(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]):
+    """Raises ForceableError for the first take that cannot be as it is, by a known body whose markers it names."""
     for take in takes:
         body = known_body([name for name in take.names if any(name in one.by_name for one in bodies)], bodies)
         if body is not None:

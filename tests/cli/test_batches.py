@@ -146,6 +146,14 @@ def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
     assert [take["take"] for take in answer.json["takes"]] == ["one", "three"]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="needs a system where the current folder can go")
+def test_processes_work_where_the_current_folder_is_gone(label, takes, monkeypatch, tmp_path):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    (tmp_path / "here").rmdir()
+    label(*FEW, "--jobs", "2", blobs=takes[:2]).quiet()
+
+
 @pytest.mark.parametrize(("started", "labelled"), [(1, ["one", "two"]), (0, [])])
 def test_processes_that_cannot_be_started_leave_the_takes_to_the_others(label, takes, monkeypatch, started, labelled):
     popen, lines = subprocess.Popen, []

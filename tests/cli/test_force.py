@@ -13,7 +13,7 @@ from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.points import of_frames, read_points, write_c3d
 from addon.jobs.train import known_bodies
-from addon.jobs.training_takes import read_takes, refuse_mirrored
+from addon.jobs.training_takes import read_takes, refuse_labels
 from scripts.virtual_take import write_virtual_take
 from tests.inputs.walkers import write_truth
 
@@ -106,9 +106,28 @@ def test_train_learns_from_what_is_right_handed(run, walks, tmp_path, turned):
     plain, path = tmp_path / "right.c3d", tmp_path / "left.c3d"
     write_c3d(plain, replace(take, xyz=take.xyz * turned))
     write_c3d(path, replace(take, xyz=take.xyz * turned * [-1, 1, 1]))
-    refuse_mirrored(read_takes([plain], ()), known_bodies())
+    refuse_labels(read_takes([plain], ()), known_bodies())
     reason = run("train", plain, path, "--out", out).refusal(1)
     assert "left.c3d: is left-handed: one axis is mirrored, as the body of its labels is" in reason
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("times", "status", "words"),
+    [
+        (
+            0.001,
+            1,
+            "has a unit that cannot be: its points are about 0.001 times as far apart as those of body39; exp",
+        ),
+        (10, 1, "has a unit that cannot be: its points are about 10 times as far apart as those of body39; expected a"),
+        (5000, 2, "odd.c3d: has markers over 1000 m from its origin; expected places in a room, and the unit that the"),
+    ],
+)
+def test_train_learns_from_no_other_unit(run, walks, tmp_path, times, status, words):
+    take, out = read_points(walks / "plain.c3d"), tmp_path / "own.markerset.json"
+    write_c3d(tmp_path / "odd.c3d", replace(take, xyz=take.xyz * times))
+    assert words in run("train", tmp_path / "odd.c3d", "--out", out).refusal(status)
     assert not out.exists()
 
 

@@ -15,8 +15,7 @@ from addon.core.data.takes import Points
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.demo.take import MODEL
 from addon.io.markersets import SUFFIX, builtin_markersets, open_markerset
-from addon.io.model_history import known_models
-from addon.io.models import open_model
+from addon.io.models import known_models, open_model
 from addon.io.points import read_points, write_c3d, write_trc
 from tests.accuracy import real_blobs
 from tests.accuracy.registry import recorded
@@ -340,6 +339,18 @@ def test_a_set_of_the_same_markers_in_the_own_folder_is_no_other_and_versions_ar
         shutil.copy(builtin_markersets()[MODEL], own / name)
     assert known_models(own) == [*builtin_markersets(), str(own / f"ours{SUFFIX}")]
     assert f"was found among {len(builtin_markersets()) + 1} marker sets" in found("--models", own).done().out
+
+
+def test_what_is_no_model_in_the_own_folder_is_left_out_and_named_once(found, room, tmp_path):
+    own, bad = tmp_path / "own", tmp_path / "own" / f"bad{SUFFIX}"
+    own.mkdir()
+    bad.write_text("{")
+    takes = room.c3d, shutil.copy(room.c3d, tmp_path / "other.c3d")
+    said = found("--models", own, takes=takes).done()
+    assert said.out.count(f"was found among {len(builtin_markersets())} marker sets") == 2
+    [line] = said.err.splitlines()
+    assert line.startswith(f"mocap-autolabel: {bad}:1: is not valid JSON")
+    assert line.endswith("; expected a marker set; it is not among the sets that are tried")
 
 
 def test_where_two_fit_or_none_that_is_said_and_of_another_axis_too(found, tmp_path):

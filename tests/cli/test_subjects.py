@@ -57,7 +57,7 @@ def in_every_file(out, stem: str):
 
 
 def test_two_are_named_in_every_file(label, figures, pair, tmp_path):
-    assert "--subjects" in label("--model", WORN).reason
+    assert "; expected a take of one, so ask for all of them by --model MODEL and" in label("--model", WORN).reason
     label("--model", WORN, "--subjects", "2", "--trc").quiet()
     found = figures(tmp_path / "out/pair.labels.csv", pair / "truth.csv")
     assert found["precision"] == 1 and found["recall"] > 0.95
@@ -183,6 +183,14 @@ def test_blobs_of_two_are_named_in_every_file(run, figures, seen, tmp_path):
     assert report["method"] == "likelihood"
     assert sum(report["steps"].values()) == sum(row["marker"] != "" for row in rows_of(tmp_path / "seen.labels.csv"))
     assert set(report["timing"]) >= {"place", "label", "fit"}
+
+
+@pytest.mark.parametrize("method", ["auto", "likelihood"])
+def test_blobs_of_two_are_refused_as_of_one_unless_that_is_forced(run, seen, tmp_path, method):
+    words = "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE, "--out", tmp_path, "--method", method
+    reason = run("label", seen / "seen.csv", *words).refusal(1)
+    assert "by --model MODEL and --subjects 2 or auto; --force goes on regardless" in reason
+    run("label", seen / "seen.csv", *words, "--force").done()
 
 
 def test_edits_of_blobs_land_on_who_they_were_made_of(run, seen, tmp_path):

@@ -455,7 +455,7 @@ def trc() -> str:
         (vicon, r",,Ann:LASI,,,\*7,,,Ann:LASI,,", "", "no columns X, Y, Z", 13),
         (vicon, "(?s).\n\nModel.*", "", "without a line end", 18),
         (motive, "Format Version,1.23,Take Name,test,", "", "Motive's settings", 1),
-        (motive, "240.000000,(.*),120.000000", r"-1,\1,none", "no Export Frame Rate; expected frames a second", 1),
+        (motive, "240.000000,(.*),120.000000", r"0,\1,none", "a Capture Frame Rate of '0'; expected frames a sec", 1),
         (motive, "Frame,Time", "No,Time", "begins with Frame", 12),
         (motive, "Position", "Rotation", "no columns of marker positions", 7),
         (motive, "\\Z", "5,0.1,0,0", "4 fields; expected 15", 13),

@@ -13,8 +13,7 @@ from ...core.points.models import METHODS, USUAL_TARGET, chosen_method, plain_me
 from ...core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from ...io.edits import edits_beside
 from ...io.markersets import AUTO_MODEL
-from ...io.model_history import known_models
-from ...io.models import open_model
+from ...io.models import known_models, open_model
 from ...io.points import holds_points
 from ...io.qtm.capture import USES
 from ...io.whole import keep_apart
@@ -38,7 +37,7 @@ def _count(text: str) -> int:
 
 def _wearer(text: str) -> tuple[str, str]:
     name, equals, model = text.partition("=")
-    if not equals or not name or not model:
+    if not equals or not name or model in ("", AUTO_MODEL):
         words = f"{text[:60]!r} says not who wears what"
         raise argparse.ArgumentTypeError(f"{words}; expected NAME=MODEL, such as ann=body26")
     if not is_subject_name(name):

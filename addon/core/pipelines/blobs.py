@@ -45,6 +45,7 @@ class BlobOptions:
     hints: Hints = NO_HINTS  # what the user may say about the take, for the fitted body
     occlusion: Occlusion | None = None  # the body in the way; None for the marker set's capsules
     edits: Edits = NO_EDITS  # what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
+    force: bool = False  # names what labels through points would refuse
 
 
 def blob_method(options: BlobOptions) -> str:
@@ -79,7 +80,7 @@ def _labelled(chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: 
     if method == "fit":
         given = options.rate, options.hints, options.occlusion, options.edits
         return label_take(chunks, cameras, model.markerset, *given)
-    named = PointOptions(chosen_method(model, method), options.target, options.edits, traced=True)
+    named = PointOptions(chosen_method(model, method), options.target, options.edits, force=options.force, traced=True)
     return label_through_points(chunks, cameras, model, options.rate, named)
 
 

@@ -21,6 +21,7 @@ from ..data.errors import ForceableError
 from ..data.lanes import Lanes
 from ..data.made import Table
 from ..data.markersets import MarkerSet, Worn
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, in_axes, laid_on
 from ..posing.posing import POSING, fit_subject, labelled_pull
@@ -66,8 +67,8 @@ def refuse_impossible(points: Table, rate: float, lanes: Lanes | None, models: I
     It says what is wrong: the unit, by the size of what the models are of, the order of the frames, or the rate.
     Points that are in no order within their frames follow nothing, and are let pass; so is what stands or is slow.
     """
-    gravities = usual_acceleration(points, rate) / GRAVITY
-    if gravities <= POSSIBLE.gravities:
+    gravities, speed = usual_acceleration(points, rate) / GRAVITY, usual_speed(points, rate)
+    if gravities <= POSSIBLE.gravities and speed <= MARKER_LIMITS.fastest_m_s:
         return
     some = points[evenly_spread(len(points), FRAMES_LOOKED_AT)]
     for unit in filter(None, (mistaken_unit(model, some) for model in models)):
@@ -78,11 +79,10 @@ def refuse_impossible(points: Table, rate: float, lanes: Lanes | None, models: I
             "expected frames in the order in which they were recorded"
         )
     if are_trajectories(points, lanes):
-        raise ForceableError(
-            f"has a rate that cannot be: at {rate:g} Hz half of its points accelerate by more than {gravities:.0f} "
-            "times gravity in a quarter of the frames, which nobody can; expected the rate at which it was recorded, "
-            f"such as {rate / 10:g} Hz"
-        )
+        what = f"accelerate by more than {gravities:.0f} times gravity in a quarter of the frames"
+        what = what if gravities > POSSIBLE.gravities else f"are faster than {speed:.0f} m/s"
+        words = f"has a rate that cannot be: at {rate:g} Hz half of its points {what}, which nobody can"
+        raise ForceableError(f"{words}; expected the rate at which it was recorded, such as {rate / 10:g} Hz")
 
 
 def slow_words(points: np.ndarray, rate: float) -> str:
@@ -107,13 +107,20 @@ def mistaken_unit(
     """
     if model.likelihood is None:
         return None
-    own, seen = _sizes(model.likelihood.shape.mean[None]), _sizes(points)
+    return _mistaken_unit(model.markerset.name, model.likelihood.shape.mean, points, sure)
+
+
+def _mistaken_unit(
+    name: str, form: np.ndarray, points: np.ndarray, sure: Callable[[np.ndarray], bool] | None = None
+) -> ForceableError | None:
+    """The same of a set's name, and where its usual wearer has markers (M, 3) m."""
+    own, seen = _sizes(form[None]), _sizes(points)
     with np.errstate(divide="ignore"):  # of points that are all in one place
         off = {pair: np.abs(np.log(seen * UNIT_M[pair[0]] / UNIT_M[pair[1]] / own)) for pair in permutations(UNIT_M, 2)}
     near = [pair for pair in off if (off[pair] < np.log(POSSIBLE.max_size)).all()]
     for unit, taken_for in sorted(near, key=lambda pair: off[pair][0]):
         times = UNIT_M[taken_for] / UNIT_M[unit]
-        apart = f"times as far apart as those of {model.markerset.name}"
+        apart = f"times as far apart as those of {name}"
         if sure is not None and sure(points / times):
             words = f"seems to be in {unit} and is taken for {taken_for}: its points are {times:.4g} {apart}"
             return ForceableError(f"{words}; expected a file that says their unit")
@@ -126,20 +133,50 @@ def mistaken_unit(
 
 
 def usual_acceleration(points: Table, rate: float) -> float:
-    """m/s², beyond which half of points (T, L, 3) m accelerate in `part` of the frames; 0 where too few tell.
-
-    A column that was empty in between may hold another point: some programs fill it with the next that appears.
-    """
-    step = max(round(POSSIBLE.step_s * rate), 1)
+    """m/s², beyond which half of points (T, L, 3) m accelerate in `part` of the frames; 0 where too few tell."""
+    step = _step(rate)
     middle = step + evenly_spread(max(len(points) - 2 * step, 0), FRAMES_LOOKED_AT)
     before, now, after = (points[middle + off].astype(float) for off in (-step, 0, step))
     found = np.linalg.norm(before - 2 * now + after, axis=2) * (rate / step) ** 2
-    for off in range(1 - step, step):
-        found[np.isnan(points[middle + off][..., 0])] = np.nan
-    enough = np.isfinite(found).sum(axis=1) >= MIN_POINTS
-    if enough.sum() < FRAMES_THAT_TELL or np.median(_reach(now[enough])) < POSSIBLE.min_reach_m:
+    enough, usual = _of_half(found, points, middle, range(1 - step, step))
+    if not len(usual) or np.median(_reach(now[enough])) < POSSIBLE.min_reach_m:
         return 0.0
-    return float(np.quantile(np.nanmedian(found[enough], axis=1), 1 - POSSIBLE.part))
+    return float(np.quantile(usual, 1 - POSSIBLE.part))
+
+
+def usual_speed(points: Table, rate: float) -> float:
+    """m/s, how fast half of points (T, L, 3) m are that are too few frames for accelerations; 0 where too few tell.
+
+    What noise may add is taken off.
+    """
+    more = len(points) - FRAMES_THAT_TELL
+    if not 0 < more < 2 * _step(rate):
+        return 0.0
+    lag = min(more, FRAMES_THAT_TELL)
+    chosen = evenly_spread(len(points) - lag, FRAMES_LOOKED_AT)
+    found = np.linalg.norm(points[chosen + lag] - points[chosen], axis=2)
+    usual = _of_half(found, points, chosen, range(1, lag))[1]
+    return float(np.median(usual) - MARKER_LIMITS.max_noise_m) * rate / lag if len(usual) else 0.0
+
+
+def _step(rate: float) -> int:
+    """Frames over which accelerations are taken."""
+    return max(round(POSSIBLE.step_s * rate), 1)
+
+
+def _of_half(
+    found: np.ndarray, points: Table, chosen: np.ndarray, between: Iterable[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) which chosen frames tell, and the median of what was `found` (F, L) of their points; none of too few frames.
+
+    A column that is empty `between` may hold another point: some programs fill it with the next that appears.
+    """
+    for off in between:
+        found[np.isnan(points[chosen + off][..., 0])] = np.nan
+    enough = np.isfinite(found).sum(axis=1) >= MIN_POINTS
+    if enough.sum() < FRAMES_THAT_TELL:
+        enough[:] = False
+    return enough, np.nanmedian(found[enough], axis=1)
 
 
 def times_nearer(points: Table) -> float:
@@ -298,11 +335,17 @@ def _lopsided(markerset: MarkerSet, first: int, prefix: str) -> list[_Segment]:
 
 
 def refuse_labelled(markerset: MarkerSet, points: np.ndarray):
-    """Raises MirroredError where points (T, M, 3) m, NaN where missing, labelled as in the set, are mirrored for sure.
+    """Raises ForceableError where points (T, M, 3) m, NaN where missing, labelled as in the set, cannot be so.
 
-    A body is posed on some frames as they are, and on their mirror image; what is labelled may also have been named by
-    us, which `Handedness` tells.
+    By their size it is another unit that they are in, or they are mirrored for sure. For that a body is posed on some
+    frames as they are, and on their mirror image; what is labelled may also have been named by us, which `Handedness`
+    tells.
     """
+    worn = np.isfinite(points[..., 0]).any(axis=0)
+    some, form = points[evenly_spread(len(points), FRAMES_ASKED)], markerset.spread.height * markerset.rest_markers
+    unit = _mistaken_unit(markerset.name, form[worn], some[:, worn])
+    if unit is not None:
+        raise unit
     there = np.isfinite(points[..., 0]).sum(axis=1)
     fullest = np.flatnonzero(there >= max(POSING.min_markers, there.max(initial=0) - 1))
     if not len(fullest):

@@ -240,7 +240,7 @@ def _possible(points: Table, markers: int) -> int:
     return max(int(np.minimum(points_at_a_time(points), markers).sum()), 1)
 
 
-HOW_TO_ASK = "by --subjects 2 or auto"  # on the command line; Blender puts words of its sidebar there
+HOW_TO_ASK = "by --model MODEL and --subjects 2 or auto"  # on the command line; Blender puts words of its sidebar there
 
 
 class UnsuitedError(ForceableError):

@@ -139,7 +139,8 @@ class CameraCheck:
         """What a person should look into, each over the whole take; nothing where all cameras go together."""
         if len(self.cameras) < 2 or not self.frames:
             return ()
-        return tuple(Suspect(self._first, self._last, words) for words in self._sentences())
+        words = filter(None, (self._lonely, *self._sentences()))
+        return tuple(Suspect(self._first, self._last, one) for one in words)
 
     def refuse(self):
         """Raises ForceableError where the room as a whole is not the take's: names in it would be guesses."""
@@ -249,6 +250,13 @@ class CameraCheck:
         cameras = np.concatenate([camera for camera, *_ in self.frames]) if self.frames else np.zeros(0, int)
         judged = (self.counts[0] >= CAMERA_HEALTH.enough) & (np.bincount(cameras, minlength=len(self.cameras)) > 0)
         return float(np.median(self._share[judged])) if judged.any() else 0.0
+
+    @property
+    def _lonely(self) -> str:
+        """That only one camera has blobs, which places nobody; empty if more have."""
+        seen = np.unique(np.concatenate([camera for camera, *_ in self.frames]))
+        words = "alone has blobs, and nobody is found by one: look whether those of others are missing"
+        return f"camera {self.cameras.names[seen[0]]} {words}" if len(seen) == 1 else ""
 
     @property
     def _order_or_own(self) -> np.ndarray:

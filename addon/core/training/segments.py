@@ -113,7 +113,7 @@ def find_segments(subjects: Sequence[np.ndarray]) -> Segments:
 def _thinned(points: np.ndarray) -> np.ndarray:
     good = full_frames(points, MIN_POINTS)
     if not len(good):
-        raise ValueError("no frame shows enough markers; three or more were expected")
+        raise ValueError("no frame shows three markers or more")
     return some_of(points[good])
 
 

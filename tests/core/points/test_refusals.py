@@ -176,6 +176,14 @@ def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model
         labelled(walk[np.random.default_rng(0).permutation(len(walk))], RATE, model)
 
 
+def test_so_is_one_of_few_frames_at_which_nobody_is_so_fast(model, walk):
+    for frames in (30, 60, len(walk)):
+        with pytest.raises(ForceableError, match=r"at 20000 Hz half of its points are faster than \d+ m/s, which"):
+            refuse_impossible(walk[:frames], 20_000.0, None, [model])
+        refuse_impossible(walk[:frames], 1.5 * RATE, None, [model])
+    refuse_impossible(walk[:60].repeat(10, axis=0), 10 * RATE, None, [model])
+
+
 @settings(max_examples=12)
 @given(st.sampled_from([1000.0, 100.0, 39.37, 25.4, 10.0, 2.54]), st.booleans(), st.integers(-180, 180))
 @example(times=2.54, too_small=True, turn=2)
