@@ -64,6 +64,7 @@ class WindowNames:
     marker: np.ndarray
     refused: str = ""  # why, else empty
     anew: bool = False  # whether they are not as it was known of who was there before
+    others: tuple[int, ...] = ()  # the numbers of those that are likelier another marker than they were called
     # where somebody has asked for it, the size and shape of everybody who may wear them, as `subject_in`
     subjects: tuple[Bodies | None, ...] = ()
 
@@ -101,14 +102,20 @@ def _solved(model: Model, window: Window, known: bool = False) -> WindowNames:
     def named():
         frames = yield from name_frames(take, cut(take.xyz, take.rate), model, options)
         frames = replace(frames, shown=window.shown if known else None)
-        _, verdict = yield from as_a_whole(frames, options)
-        return verdict.labels.marker
+        solution, verdict = yield from as_a_whole(frames, options)
+        marker = verdict.labels.marker
+        if solution is None:
+            return marker, marker
+        return marker, solution.tracklets.spread(solution.marker, NO_MARKER, slice(0, len(marker)))
 
     try:
-        marker = finished(in_stages(named(), begins(len(window.xyz))))
+        marker, likeliest = finished(in_stages(named(), begins(len(window.xyz))))
     except JobError as error:
         return WindowNames(window.number, np.full(len(window.number), NO_MARKER), error.message)
-    return WindowNames(window.number, at_the_end(window, marker))
+    likeliest = at_the_end(window, likeliest)
+    other = (likeliest != window.marker) & (likeliest != NO_MARKER) & (window.marker != NO_MARKER)
+    others = tuple(window.number[other].tolist())
+    return WindowNames(window.number, at_the_end(window, marker), others=others)
 
 
 def subject_in(model: Model, window: Window, marker: np.ndarray) -> Bodies | None:
@@ -409,15 +416,16 @@ class LiveNamer:
         told = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
         said = {number: marker for number, marker in told.items() if marker != NO_MARKER}
         kept = {number: marker for number, marker in self.given.marker.items() if number <= later.newest}
-        for number in self._taken_back(self._asked, said):
+        for number in self._taken_back(self._asked, said, names.others):
             kept.pop(number, None)
         later.marker, later.solved = kept | said, (self.given.solved & kept.keys()) | said.keys()
         self._later = later
 
-    def _taken_back(self, window: Window, said: dict[int, int]) -> list[int]:
+    def _taken_back(self, window: Window, said: dict[int, int], others: tuple[int, ...]) -> list[int]:
         """The trajectories of a window that lose a name of ours as it leaves them unnamed.
 
-        Because they were there for as long as naming takes, or that name goes to a newer one, or to one that is there.
+        Because they were there for as long as naming takes, or are likelier `others`, or that name goes to a newer one,
+        or to one that is there.
         """
         there = np.isfinite(window.xyz[..., 0])
         begun = there.argmax(axis=0)
@@ -432,7 +440,7 @@ class LiveNamer:
             if ours == NO_MARKER or number in said:
                 continue
             shown = len(there) - first > FIRST_S * self.rate and number not in self.given.solved
-            if shown or ours in elsewhere or latest.get(ours, 0) > number:
+            if shown or number in others or ours in elsewhere or latest.get(ours, 0) > number:
                 found.append(number)
         return found
 

@@ -142,6 +142,11 @@ def test_whom_one_knows_is_named_by_that_in_less_work_and_somebody_else_is_told(
     assert said.refused and not said.anew, "who is hidden is not somebody else"
 
 
+def test_what_is_likelier_another_marker_than_it_was_called_is_told(people):
+    called = np.append([1, 0], np.arange(2, MARKERS))
+    assert solved_window(SUBJECTS[0].model, window(people[0, 50:], called)).others == (0, 1)
+
+
 def test_where_nobody_is_it_is_said(people):
     said = solved_of_several(SUBJECTS, window(people[0, 50:, :5]))
     assert said.refused and (said.marker == -1).all()

@@ -109,6 +109,15 @@ def test_a_name_that_the_solver_does_not_give_is_taken_back_once_it_was_shown_en
         assert go_on(namer, [later], ids=BACK) == [-1, *ALL[1:]]
 
 
+@pytest.mark.parametrize(("others", "given"), [((), 0), ((0,), -1)])
+def test_a_name_that_was_settled_is_taken_back_where_another_is_likelier_though_not_sure(others, given):
+    namer = settled()
+    go_on(namer, range(40, 50))
+    window = namer.window()
+    namer.hear(WindowNames(window.number, np.append(-1, IDS[1:]), others=others))
+    assert go_on(namer, range(50, 60)) == [given, *ALL[1:]]
+
+
 def test_what_comes_while_a_window_is_solved_is_named_by_it_too():
     namer = namer_of()
     go_on(namer, range(40))
