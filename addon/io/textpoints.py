@@ -117,7 +117,8 @@ def _value(fields: list[str], index: int, path: Path, line: int) -> float:
     try:
         value = float(field)
     except ValueError:
-        raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected a number", path, line) from None
+        wish = "a number, with a point before decimals" if "," in field else "a number"
+        raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected {wish}", path, line) from None
     if abs(value) > MAX_COORDINATE:
         raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected a position in a room", path, line)
     return value

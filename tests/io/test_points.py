@@ -443,6 +443,7 @@ def trc() -> str:
         (tsv, "\n8\t.*\r", "", "has 4 of 5 frames", 0),
         (tsv, "FRAMES\t5", "FRAMES\t6", "has 5 of 6 frames; expected all of them", 0),
         (tsv, "\n8\t0.00833\t101", "\n8\t0.00833\thello", "'hello' as a coordinate", 14),
+        (tsv, "\n8\t0.00833\t101", "\n8\t0.00833\t101,5", "expected a number, with a point before decimals", 14),
         (tsv, "\n8\t", "\n7\t", "from frame 7 to 7", 14),
         (tsv, "\n8\t0.00833\t101", "\n8\t0.00833", "has 10 fields; expected 11", 14),
         (tsv, "0\r\n\\Z", "", "ends without a line end", 17),
