@@ -78,10 +78,10 @@ def refuse_impossible(points: Table, rate: float, lanes: Lanes | None, models: I
             "expected frames in the order in which they were recorded"
         )
     if are_trajectories(points, lanes):
-        what = f"are faster than {speed:.0f} m/s"
+        what = f"are faster than {speed:.0f} m/s, which nobody is"
         if gravities > POSSIBLE.gravities:
-            what = f"accelerate by more than {gravities:.0f} times gravity in a quarter of the frames"
-        words = f"has a rate that cannot be: at {rate:g} Hz half of its points {what}, which nobody can"
+            what = f"accelerate by more than {gravities:.0f} times gravity in a quarter of the frames, which nobody can"
+        words = f"has a rate that cannot be: at {rate:g} Hz half of its points {what}"
         raise ForceableError(f"{words}; expected the rate at which it was recorded, such as {rate / 10:g} Hz")
 
 
@@ -107,14 +107,14 @@ def mistaken_unit(
     """
     if model.likelihood is None:
         return None
-    return _mistaken_unit(model.markerset.name, model.likelihood.shape.mean, points, sure)
+    return _mistaken_unit(model.markerset.name, model.likelihood.shape.mean[None], points, sure)
 
 
 def _mistaken_unit(
-    name: str, form: np.ndarray, points: np.ndarray, sure: Callable[[np.ndarray], bool] | None = None
+    name: str, usual: np.ndarray, points: np.ndarray, sure: Callable[[np.ndarray], bool] | None = None
 ) -> ForceableError | None:
-    """The same by a set's name and its markers (M, 3) m on their usual wearer."""
-    own, seen = _sizes(form[None]), _sizes(points)
+    """The same by a set's name, and frames (F, M, 3) m of its markers on their usual wearer."""
+    own, seen = _sizes(usual), _sizes(points)
     with np.errstate(divide="ignore"):  # of points that are all in one place
         off = {pair: np.abs(np.log(seen * UNIT_M[pair[0]] / UNIT_M[pair[1]] / own)) for pair in permutations(UNIT_M, 2)}
     near = [pair for pair in off if (off[pair] < np.log(POSSIBLE.max_size)).all()]
@@ -341,9 +341,9 @@ def refuse_labelled(markerset: MarkerSet, points: np.ndarray):
     They are in another unit, by their size, or mirrored for sure: a body is posed on some frames as they are, and on
     their mirror image; what is labelled may also have been named by us, which `Handedness` tells.
     """
-    worn = np.isfinite(points[..., 0]).any(axis=0)
-    some, form = points[evenly_spread(len(points), FRAMES_ASKED)], markerset.spread.height * markerset.rest_markers
-    unit = _mistaken_unit(markerset.name, form[worn], some[:, worn])
+    some = points[evenly_spread(len(points), FRAMES_ASKED)]
+    usual = np.where(np.isfinite(some), markerset.spread.height * markerset.rest_markers, np.nan)
+    unit = _mistaken_unit(markerset.name, usual, some)
     if unit is not None:
         raise unit
     there = np.isfinite(points[..., 0]).sum(axis=1)
