@@ -214,6 +214,7 @@ def door() -> list[str]:
         package = __name__.removesuffix(".addon.cli.workers")
         named = ["--addons", package] if package.startswith("bl_ext.") else []
         return [blender, "--background", *named, "--command", EXTENSION]
-    # Once bpy is imported, Blender's folders of scripts come first, and the bpy in them is none on its own.
+    # Once bpy is imported, Blender's folders of scripts come first, and the bpy in them is none on its own. Without -P
+    # the current folder would be looked for, which may be gone.
     paths = [path for path in sys.path if not (Path(path) / "bpy" / "__init__.py").is_file()]
     return [sys.executable, "-P", "-c", SCRIPT, str(ROOT), json.dumps(paths)]

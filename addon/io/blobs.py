@@ -71,7 +71,7 @@ def read_blobs(
                 return
 
     for chunk in _chunks(wanted(), chunk_frames):
-        if chunk.keys and len(chunk.keys) >= 2 * len(set(chunk.keys)):  # which of two that are one would be a marker
+        if chunk.keys and len(chunk.keys) >= 2 * len(set(chunk.keys)):  # which of two alike is a marker, nothing tells
             words = f"has every blob of frames {words_of_range(chunk.blobs.frames[[0, -1]].tolist())} twice"
             raise InputError(f"{words}; expected each of them once", path)
         yield chunk

@@ -146,7 +146,7 @@ def known_models(folder: Path | None) -> list[str]:
     return known
 
 
-@lru_cache(maxsize=8)  # several subjects have a model each
+@lru_cache(maxsize=32)  # several subjects have a model each, and all that are known are looked at for each take
 def _as_it_was(path: Path, changed_ns: int, size: int) -> Model:  # noqa: ARG001 - when a file is another one
     """A model as its file was then: whoever labels many takes with it reads it once."""
     return read_model(path)

@@ -37,7 +37,7 @@ _UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNO
 
 @dataclass(frozen=True, eq=False)
 class FilePoints(Points):
-    """Points out of a file, which says each one's index there; trajectories may share a lane."""
+    """Points out of a file: `columns` are there, and trajectories that are not there at a time may share a lane."""
 
     assumed: str = ""  # the unit that they were taken to be in, where the file names none that is known; else empty
     up: str = "+Z"  # the axis of the file that points up

@@ -272,7 +272,7 @@ def _rate_in_head(text: str, what: str, path: Path, line: int, given: float | No
         return rate
     if given is not None:
         return given
-    words = f"has a {what} of {text[:40]!r}"
+    words = f"has {text[:40]!r} for its {what}" if text else f"has no {what}"
     raise InputError(f"{words}; expected frames a second, written there or given", path, line)
 
 
@@ -374,8 +374,8 @@ def _rows(lines: list[str], start: int, path: Path) -> Iterator[tuple[int, list[
 def _rate(settings: dict[str, str], path: Path, given: float | None) -> float:
     export, capture = (settings.get(f"{what} frame rate", "") for what in ("export", "capture"))
     with suppress(InputError):
-        return _rate_in_head(export, "", path, 1, None)
-    return _rate_in_head(capture, "Capture Frame Rate", path, 1, given)
+        given = _rate_in_head(capture, "", path, 1, given)
+    return _rate_in_head(export, "Export Frame Rate", path, 1, given)
 
 
 def _titles(lines: list[str], path: Path) -> tuple[dict[str, list[str]], int]:

@@ -81,7 +81,7 @@ LIST = ".mocap-autolabel.json"  # in a folder of parts: what each part is like, 
 
 
 class LeftAlone(UserWarning):
-    """Something that was found, and is not what it looks like or may not be."""
+    """Something that was found and stays as it is, as it is not, or may not be, what it looks like."""
 
 
 @contextmanager

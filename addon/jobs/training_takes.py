@@ -71,7 +71,7 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
         whole, xyz, doubled, filled = _named(points, trajectories_of(points, subject))
         if np.nanmax(np.abs(xyz)) > MAX_MARKER_M:
             words = f"has markers over {MAX_MARKER_M:g} m from its origin"
-            raise InputError(f"{words}; expected places in a room, and the unit that they are in")
+            raise InputError(f"{words}; expected places in a room, in a file that says their unit")
     names = tuple(name.rpartition(":")[2] for name in whole)
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
     if filled:

@@ -27,8 +27,8 @@ class Along:
 
     bone: str  # its name
     limb: tuple[int, ...]  # indices of the bones that it goes with: an end's one, of a pole those of its limb
-    carrier: int  # and of what carries where it is, -1 for nothing
-    turner: int  # and of what it turns with, -1 for nothing
+    carrier: int  # index of what carries where it is, -1 for nothing
+    turner: int  # index of what it turns with, -1 for nothing
     mode: str  # how it turns
     matrix: np.ndarray  # (4, 4) where it is at rest
     steps: np.ndarray  # (3, 3) how far it goes for a unit of each of its location's channels

@@ -47,10 +47,7 @@ MOST_SUSPECTS = 1000  # that the Blender file keeps, the longest; the report has
 
 @dataclass(frozen=True, eq=False)
 class Playing:
-    """A long take as it comes from the labelling.
-
-    for_a_part what labels a part of it as all of it was labelled, as a job says it
-    """
+    """A long take as it comes from the labelling."""
 
     name: str  # what to call it
     rate: float  # frames a second
@@ -60,7 +57,7 @@ class Playing:
     poses: "PoseFile"  # the poses of all frames, as `io.poses.PoseFile` has them
     suspects: Sequence[Suspect]  # ranges of frames to look at
     source: str  # the file of the take, empty if there is none
-    for_a_part: dict
+    for_a_part: dict  # what labels a part of it as all of it was labelled, as a job says it
 
 
 class _Bones:

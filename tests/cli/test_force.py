@@ -121,7 +121,7 @@ def test_train_learns_from_what_is_right_handed(run, walks, tmp_path, turned):
             "has a unit that cannot be: its points are about 0.001 times as far apart as those of body39; exp",
         ),
         (10, 1, "has a unit that cannot be: its points are about 10 times as far apart as those of body39; expected a"),
-        (5000, 2, "odd.c3d: has markers over 1000 m from its origin; expected places in a room, and the unit that the"),
+        (5000, 2, "odd.c3d: has markers over 1000 m from its origin; expected places in a room, in a file that says"),
     ],
 )
 def test_train_learns_from_no_other_unit(run, walks, tmp_path, times, status, words):

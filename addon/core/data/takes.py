@@ -338,7 +338,7 @@ def _ordered(take: Points, part: slice, frames: np.ndarray) -> tuple[np.ndarray,
 
 @dataclass(frozen=True, eq=False)
 class InOrder:
-    """Points of F frames in the order of their file, whatever lanes they stand in: no frame hangs on a lane."""
+    """Points of F frames in the order of their file, whatever lanes they stand in: names hang on none."""
 
     xyz: np.ndarray  # (F, W, 3) m, NaN behind the last of a frame
     lane: np.ndarray | None  # (F, W) of each, -1 behind the last; None where lanes are in that order

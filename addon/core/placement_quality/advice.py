@@ -88,14 +88,13 @@ AXIS_WORDS = (("forward", "back"), ("to the left", "to the right"), ("up", "down
 class ADVICE:
     """What is looked for, and where."""
 
-    # standard deviations by which every pair of markers should be separate; physical: at 4 one is taken for the other
-    # in 2.3 % of all cases
-    goal: float = 4.0  # physical
+    # standard deviations by which every pair of markers should be separate
+    goal: float = 4.0  # physical: at 4 one is taken for the other in 2.3 % of all cases
     steps: int = 3  # changes that are advised; format: `quality --advice`
     stride_m: float = 0.01  # between places that are tried; physical: as exactly as markers are put on
     max_move_m: float = 0.06  # and the farthest of them; physical: farther is another place on the body
-    # standard deviations of a separation that count; physical: at 4 they change how often by a ninth
-    noticed: float = 0.1  # physical
+    # standard deviations of a separation that count
+    noticed: float = 0.1  # physical: at 4 they change how often by a ninth
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,9 +35,8 @@ UNIT_M = {"mm": 0.001, "cm": 0.01, "inches": 0.0254, "m": 1.0}  # metres in one 
 class POSSIBLE:
     """What cannot be, and how it is looked at."""
 
-    part: float = 0.25  # measured: of the frames, and
-    # times gravity, beyond which half of a body never is in so many: 8.2 in a sprint at 9.5 m/s with most markers on
-    # the legs, 14 to 48 in walks at ten times their rate
+    part: float = 0.25  # measured: of the frames; in so many of them half of a body is never beyond `gravities`
+    # times gravity: 8.2 in a sprint at 9.5 m/s with most markers on the legs, 14 to 48 in walks at ten times their rate
     gravities: float = 10.0  # measured
     # s, over which accelerations are taken; noise of 3 mm adds a tenth of the limit to them
     step_s: float = 0.04  # physical
@@ -49,7 +48,7 @@ class POSSIBLE:
     # times larger or smaller than those of a set's usual wearer markers are, in the right unit: from the shortest
     # newborn to the tallest man there ever was it is 0.25 to 1.6
     max_size: float = 3.0  # physical
-    slow_hz: float = 25.0  # physical: cameras that look at markers take as many pictures a second at least; and
+    slow_hz: float = 25.0  # physical: cameras that look at markers take as many pictures a second at least
     # m/s, beyond which next to no point of people is who get about, at a tenth of their rate: 0.7 at most there, 1.2 at
     # least at their own
     slow_speed: float = 0.8  # measured
@@ -79,9 +78,10 @@ def refuse_impossible(points: Table, rate: float, lanes: Lanes | None, models: I
             "expected frames in the order in which they were recorded"
         )
     if are_trajectories(points, lanes):
-        what = f"accelerate by more than {gravities:.0f} times gravity in a quarter of the frames"
-        what = what if gravities > POSSIBLE.gravities else f"are faster than {speed:.0f} m/s"
-        words = f"has a rate that cannot be: at {rate:g} Hz half of its points {what}, which nobody can"
+        what = f"are faster than {speed:.0f} m/s, which nobody is"
+        if gravities > POSSIBLE.gravities:
+            what = f"accelerate by more than {gravities:.0f} times gravity in a quarter of the frames, which nobody can"
+        words = f"has a rate that cannot be: at {rate:g} Hz half of its points {what}"
         raise ForceableError(f"{words}; expected the rate at which it was recorded, such as {rate / 10:g} Hz")
 
 
@@ -107,14 +107,14 @@ def mistaken_unit(
     """
     if model.likelihood is None:
         return None
-    return _mistaken_unit(model.markerset.name, model.likelihood.shape.mean, points, sure)
+    return _mistaken_unit(model.markerset.name, model.likelihood.shape.mean[None], points, sure)
 
 
 def _mistaken_unit(
-    name: str, form: np.ndarray, points: np.ndarray, sure: Callable[[np.ndarray], bool] | None = None
+    name: str, usual: np.ndarray, points: np.ndarray, sure: Callable[[np.ndarray], bool] | None = None
 ) -> ForceableError | None:
-    """The same of a set's name, and where its usual wearer has markers (M, 3) m."""
-    own, seen = _sizes(form[None]), _sizes(points)
+    """The same by a set's name, and frames (F, M, 3) m of its markers on their usual wearer."""
+    own, seen = _sizes(usual), _sizes(points)
     with np.errstate(divide="ignore"):  # of points that are all in one place
         off = {pair: np.abs(np.log(seen * UNIT_M[pair[0]] / UNIT_M[pair[1]] / own)) for pair in permutations(UNIT_M, 2)}
     near = [pair for pair in off if (off[pair] < np.log(POSSIBLE.max_size)).all()]
@@ -145,9 +145,9 @@ def usual_acceleration(points: Table, rate: float) -> float:
 
 
 def usual_speed(points: Table, rate: float) -> float:
-    """m/s, how fast half of points (T, L, 3) m are that are too few frames for accelerations; 0 where too few tell.
+    """m/s, beyond which half of points (T, L, 3) m are in the usual frame, where these are too few for accelerations.
 
-    What noise may add is taken off.
+    What noise may add is taken off. 0 where there are more frames, and where too few of them tell.
     """
     more = len(points) - FRAMES_THAT_TELL
     if not 0 < more < 2 * _step(rate):
@@ -167,9 +167,10 @@ def _step(rate: float) -> int:
 def _of_half(
     found: np.ndarray, points: Table, chosen: np.ndarray, between: Iterable[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) which chosen frames tell, and the median of what was `found` (F, L) of their points; none of too few frames.
+    """(F,) which of the chosen frames tell, none where few do, and for each of these the median of those found (F, L).
 
-    A column that is empty `between` may hold another point: some programs fill it with the next that appears.
+    A column that is empty so many frames off as `between` says may hold another point: some programs fill it with the
+    next that appears.
     """
     for off in between:
         found[np.isnan(points[chosen + off][..., 0])] = np.nan
@@ -337,13 +338,12 @@ def _lopsided(markerset: MarkerSet, first: int, prefix: str) -> list[_Segment]:
 def refuse_labelled(markerset: MarkerSet, points: np.ndarray):
     """Raises ForceableError where points (T, M, 3) m, NaN where missing, labelled as in the set, cannot be so.
 
-    By their size it is another unit that they are in, or they are mirrored for sure. For that a body is posed on some
-    frames as they are, and on their mirror image; what is labelled may also have been named by us, which `Handedness`
-    tells.
+    They are in another unit, by their size, or mirrored for sure: a body is posed on some frames as they are, and on
+    their mirror image; what is labelled may also have been named by us, which `Handedness` tells.
     """
-    worn = np.isfinite(points[..., 0]).any(axis=0)
-    some, form = points[evenly_spread(len(points), FRAMES_ASKED)], markerset.spread.height * markerset.rest_markers
-    unit = _mistaken_unit(markerset.name, form[worn], some[:, worn])
+    some = points[evenly_spread(len(points), FRAMES_ASKED)]
+    usual = np.where(np.isfinite(some), markerset.spread.height * markerset.rest_markers, np.nan)
+    unit = _mistaken_unit(markerset.name, usual, some)
     if unit is not None:
         raise unit
     there = np.isfinite(points[..., 0]).sum(axis=1)

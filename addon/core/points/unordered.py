@@ -28,11 +28,11 @@ from .tracklets import are_lasting
 class UNORDERED:
     """How frames in no order teach their subject, and how much its own count against the training."""
 
-    # that the training's spread counts for; measured: of the cloud 80 are as good on people left out, with 8 three
-    # clouds with six markers hidden lose 61 of 13,176 names
+    # that the training's spread counts for; of the cloud 80 are as good on people left out, with 8 three clouds with
+    # six markers hidden lose 61 of 13,176 names
     frames: float = 20.0  # measured
-    # of the logarithm of the size that is left once the subject's own distances are known; physical: 1 %
-    size_sd: float = 0.01  # physical
+    # of the logarithm of the size that is left once the subject's own distances are known
+    size_sd: float = 0.01  # physical: 1 %
     # of the markers that are enough; twice of it loses 2 % of `clouds-p2`, half nothing
     min_part: float = 1 / 3  # measured
     # this far about where they are expected are markers sought that are seldom named, else 7 % of `clouds-p1` and

@@ -84,11 +84,13 @@ class CameraCheck:
         self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         self._first = self._last = self._count = 0
         self._stride = 1
+        self._seen = np.zeros(len(cameras), bool)  # those that have a blob in any frame
 
     def add(self, blobs: Blobs, marker: np.ndarray, expected: np.ndarray):
         """Adds F frames, which follow the last, whose blobs are of markers (N,), which the body has at (F, M, 3) m."""
         self._first = self._first if self._count else int(blobs.frames[0])
         self._last = int(blobs.frames[-1])
+        self._seen[blobs.camera] = True
         for index in range(len(blobs.frames)):
             if self._count % self._stride == 0:
                 rows = blobs.frame == index
@@ -254,7 +256,7 @@ class CameraCheck:
     @property
     def _lonely(self) -> str:
         """That only one camera has blobs, which places nobody; empty if more have."""
-        seen = np.unique(np.concatenate([camera for camera, *_ in self.frames]))
+        seen = np.flatnonzero(self._seen)
         words = "alone has blobs, and nobody is found by one: look whether those of others are missing"
         return f"camera {self.cameras.names[seen[0]]} {words}" if len(seen) == 1 else ""
 

@@ -19,14 +19,13 @@ from .spread import some_of
 class CONTRADICTING:
     """When two markers of a take have each other's names."""
 
-    # sizes, that leads of the same subject differ by between takes; physical: 1 % of a body, as skin gives. Twice as
-    # much loses one of the nine exchanges at McGill, half as much none
+    # sizes, that leads of the same subject differ by between takes; 1 % of a body, as skin gives. Twice as much loses
+    # one of the nine exchanges at McGill, half as much none
     lead_sd: float = 0.01  # physical
-    # the likeliest ones, which are tried alone and two at a time; measured: 12 and 24 find the same at McGill
-    pairs: int = 12  # measured
-    # part of its squared deviations that may be left of an exchange; measured: 0.5 and 0.8 find all nine at McGill and
-    # nothing else, 0.2 five
-    better: float = 0.5  # measured
+    # the likeliest ones, which are tried alone and two at a time
+    pairs: int = 12  # measured: 12 and 24 find the same at McGill
+    # part of its squared deviations that may be left of an exchange
+    better: float = 0.5  # measured: 0.5 and 0.8 find all nine at McGill and nothing else, 0.2 five
 
 
 @dataclass(frozen=True, eq=False)

@@ -77,12 +77,12 @@ OFF_AXIS = {
 class DESCRIBING:
     """How a described set is learned."""
 
-    # made-up people whose frames are learned from; measured: 24 name strangers in Plug-in Gait as 12 do
-    people: int = 12  # learned
-    # heights, by which a landmark is missed at least; measured: ankles between labs are 6 to 8 mm apart
-    landmark_sd: float = 0.004  # measured
-    # heights, the same of a place between landmarks; measured: thighs, shanks and forearms 23 to 36 mm
-    anywhere_sd: float = 0.017  # measured
+    # made-up people whose frames are learned from
+    people: int = 12  # measured: 24 name strangers in Plug-in Gait as 12 do
+    # heights, by which a landmark is missed at least
+    landmark_sd: float = 0.004  # measured: ankles between labs are 6 to 8 mm apart
+    # heights, the same of a place between landmarks
+    anywhere_sd: float = 0.017  # measured: thighs, shanks and forearms 23 to 36 mm
 
 
 def described(layout: Layout, bodies: Sequence[MarkerSet]) -> MarkerSet:

@@ -28,13 +28,11 @@ class IMAGINING:
     """How frames are made up."""
 
     frames: int = 300  # of each made-up subject; memory: a walk of three seconds
-    # that links of what is no person bend; measured on a hand and a rat learned from a frame: twice as much names 81 %
-    # of the hand, four times as much 57 %, nothing wrong
-    link_sd_rad: float = 0.1  # measured
+    # that links of what is no person bend; twice as much names 81 % of the hand, four times as much 57 %, nothing wrong
+    link_sd_rad: float = 0.1  # measured on a hand and a rat learned from a frame
     people: int = 4  # made-up bodies of who is shown in one pose, or beside few who were recorded; memory
-    # times the spread of sizes, limbs and marker places that a body was learned with: its people show less than there
-    # is; measured on walkers of whom neither body nor model was learned
-    wider: float = 1.25  # learned
+    # times the spread of sizes, limbs and marker places that a body was learned with, whose people show too little
+    wider: float = 1.25  # measured on walkers of whom neither body nor model was learned
     joint_sd_m: float = 0.01  # how well a body laid into a frame shows where the joints are; physical: 1 cm
 
 

@@ -41,11 +41,11 @@ class LAYING:
     """How a body is laid into a cloud of points."""
 
     starts: int = 20  # so many of the likeliest are fitted; measured: 10 to 80 lay the same into walkers of McGill
-    # heights, from the first round to the last, how near a point must be to be a marker's; measured: 0.1 to 0.4 at
-    # first and 0.025 at last lay the same into walkers of McGill, 0.1 at last no other set
+    # heights, from the first round to the last, how near a point must be to be a marker's; 0.1 to 0.4 at first and
+    # 0.025 at last lay the same into walkers of McGill, 0.1 at last no other set
     gates: tuple[float, float] = (0.2, 0.05)  # measured
-    # heights, how far they may be off each other in the mean; measured: 0.007 to 0.014 for people in other sets,
-    # without arms' markers or a foot; 0.018 for a hand's points, 0.021 for somebody who kneels
+    # heights, how far they may be off each other in the mean; 0.007 to 0.014 for people in other sets, without arms'
+    # markers or a foot; 0.018 for a hand's points, 0.021 for somebody who kneels
     max_off: float = 0.016  # measured
 
 

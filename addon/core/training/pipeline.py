@@ -40,12 +40,11 @@ from .transfer import known_body, settled, transferred
 class PEOPLE:
     """When a take is a person's."""
 
-    # heights, how far markers may be from where the body has them, in the mean of their medians; measured: 0.0002 to
-    # 0.006 for walkers, actors and players whose names nobody knew, 0.010 to 0.020 for nine of ten bodies laid over
-    # plates
+    # heights, how far markers may be from where the body has them, in the mean of their medians; 0.0002 to 0.006 for
+    # walkers, actors and players whose names nobody knew, 0.010 to 0.020 for nine of ten bodies laid over plates
     max_off: float = 0.008  # measured
-    # how far poses and shape may be from those of people, in squares of standard deviations; measured: of people who
-    # fence, dance and crawl up to 150 were seen, of left taken for right 400
+    # how far poses and shape may be from those of people, in squares of standard deviations; of people who fence, dance
+    # and crawl up to 150 were seen, of left taken for right 400
     max_unusual: float = 200.0  # measured
 
 
@@ -96,7 +95,7 @@ class TrainingOptions:
     search: str = "none"
     functions: tuple[str, ...] = FUNCTIONS  # the geometric functions that they are made of
     keep: bool = True  # keep frames of the takes in the model, so that it can be trained on
-    # beyond, partial solvers are found only when a search is asked for; measured: 15 take 63 s of a core
+    # beyond, partial solvers are found only when a search is asked for; 15 take 63 s of a core
     # (results/partial_training.json), and many more there are of twice as many
     max_markers: int = 40  # measured
     solver_frames: int = 6000  # that partial solvers are trained on, of all subjects together; memory

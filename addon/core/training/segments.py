@@ -21,18 +21,16 @@ from .spread import SPREAD, TAIL_SDS, TAILS, full_frames, some_of
 class SEGMENTING:
     """How a skeleton is found from the motion of markers."""
 
-    # of the subject's size: distances that vary less, in the mean over a group, are a segment's; physical: 12 mm of an
-    # adult, as skin moves on a bone
-    max_rigid_sd: float = 0.007  # physical
+    # of the subject's size: distances that vary less, in the mean over a group, are a segment's
+    max_rigid_sd: float = 0.007  # physical: 12 mm of an adult, as skin moves on a bone
     min_flatness: float = 0.05  # of a segment's length; physical: markers nearer to one line do not show how it turns
-    # of the highest reach, and of the most markers, has the frame of the rest pose; measured: with 0.9 the joints of a
-    # made-up leg are 28 mm off, with 0.98 9 mm, with this 2 mm
+    # of the highest reach, and of the most markers, has the frame of the rest pose; with 0.9 the joints of a made-up
+    # leg are 28 mm off, with 0.98 9 mm, with this 2 mm
     upright: float = 0.95  # measured
-    # how strongly a joint is drawn towards the markers of both segments where nothing moves; measured: a quarter of it
-    # leaves those joints 8 mm off
-    joint_pull: float = 0.02  # measured
-    # of the distance from a segment's axis to its markers is body; physical: they stand off the skin
-    body_share: float = 0.8  # physical
+    # how strongly a joint is drawn towards the markers of both segments where nothing moves
+    joint_pull: float = 0.02  # measured: a quarter of it leaves those joints 8 mm off
+    # of the distance from a segment's axis to its markers is body
+    body_share: float = 0.8  # physical: they stand off the skin
     min_radius: float = 0.008  # heights, of a capsule; physical: a finger's
     height_sd: float = 0.1  # of the height, that other subjects differ by; physical: adults by 6 %, with children 10 %
     heights_m: tuple[float, float] = (0.3, 3.0)  # of a subject at least and at most; format: of a marker set's file

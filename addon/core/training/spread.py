@@ -12,14 +12,13 @@ TAILS, TAIL_SDS = 0.1, 2.563  # part of a normal distribution at either end, and
 class SPREAD:
     """What several steps of training share."""
 
-    # of a subject that a step looks at, spread over its takes; measured: with 60 to 240 of the known poses the same
-    # bodies are laid into the walkers of McGill
-    frames: int = 120  # measured
-    # heights, that markers of the same name sit elsewhere on somebody else; physical: 17 mm of an adult, between
-    # laboratories it is 12 to 14 mm, on thighs and arms more
+    # of a subject that a step looks at, spread over its takes
+    frames: int = 120  # measured: with 60 to 240 of the known poses the same bodies are laid into the walkers of McGill
+    # heights, that markers of the same name sit elsewhere on somebody else; 17 mm of an adult, between laboratories it
+    # is 12 to 14 mm, on thighs and arms more
     marker_sd: float = 0.01  # physical
-    # that joints bend beyond what was recorded; measured on four actors, the body of each learned from the others
-    bend_sd_rad: float = 0.2  # measured
+    # that joints bend beyond what was recorded
+    bend_sd_rad: float = 0.2  # measured on four actors, the body of each learned from the others
 
 
 def some_of(points: np.ndarray) -> np.ndarray:

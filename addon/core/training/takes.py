@@ -22,8 +22,8 @@ CELLS_A_SIDE = 1 << 20  # so many cells of space along an axis have a number of 
 class KEEPING:
     """What goes together and what is kept."""
 
-    # of a take to the others, and of them to it; physical: people differ by two, units by ten
-    max_size_ratio: float = 5.0  # physical
+    # of a take to the others, and of them to it
+    max_size_ratio: float = 5.0  # physical: people differ by two, units by ten
     considered_frames: int = 4000  # spread over a subject's takes, of which those are chosen; memory
 
 

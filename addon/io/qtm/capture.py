@@ -41,7 +41,7 @@ class QtmCamera:
     number: int = -1  # of the data series of its blobs
     # (N, 2) first and last frames, both included, that these are of
     ranges: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int64))
-    seen: bool = False  # whether there are any: of video cameras there are none
+    seen: bool = False  # whether there are blobs: of video cameras there are none
 
 
 def read_camera(container: Container, number: int) -> QtmCamera:

@@ -17,7 +17,7 @@ from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.learn import Trial, learn_likelihood, make_trial
 from addon.core.points.models import Model, namer_of
 from addon.core.points.motion import LabelledPoints
-from addon.core.points.possible import refuse_impossible, slow_words
+from addon.core.points.possible import refuse_impossible, refuse_labelled, slow_words
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.tracklets import cut
@@ -192,6 +192,15 @@ def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
     turned = walk @ np.array([[np.cos(angle), np.sin(angle), 0], [-np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     with pytest.raises(ForceableError, match=r"seems to be in .* and is taken for|has a unit that cannot be"):
         labelled(turned / times if too_small else turned * times, RATE, model)
+
+
+@pytest.mark.parametrize("times", [0.001, 10])
+def test_a_wrong_unit_is_told_of_labelled_points_of_which_most_frames_show_one_limb(times):
+    markerset, points = open_model("gait15").markerset, person(3)
+    points[3:, [name not in ("RANK", "RHEE", "RTOE") for name in markerset.markers]] = np.nan
+    refuse_labelled(markerset, points)
+    with pytest.raises(ForceableError, match="has a unit that cannot be: its points are about"):
+        refuse_labelled(markerset, times * points)
 
 
 @pytest.mark.filterwarnings("error")

@@ -182,6 +182,20 @@ def test_a_room_in_the_wrong_unit_is_told_with_how_much(count, times, words):
         assert float(sentence.split("cameras see is ")[1].split(" m high")[0]) == pytest.approx(1.3 * times, rel=0.2)
 
 
+@pytest.mark.parametrize("others", [0, 1])
+def test_one_camera_alone_has_blobs_only_where_no_frame_at_all_has_one_of_another(others):
+    blobs, marker, markers = captured(RIG)
+    alone = blobs.camera == 0
+    also = np.flatnonzero((blobs.camera == 1) & (blobs.frame == 1))[:others]
+    check = CameraCheck(RIG)
+    for rows in (np.sort([*np.flatnonzero(alone), *also]), *2 * [np.flatnonzero(alone)]):
+        part = Blobs(blobs.frames, blobs.frame[rows], blobs.camera[rows], blobs.xy[rows], blobs.area[rows])
+        check.add(part, marker[rows], markers)
+    assert not any((camera == 1).any() for camera, *_ in check.frames), "that frame is not among those that are kept"
+    told = [suspect.reason for suspect in check.suspects()]
+    assert any(reason.startswith("camera cam1 alone has blobs") for reason in told) == (not others)
+
+
 def test_the_cameras_that_were_really_moved(shared_data):
     """The Qualisys take's cameras 15343 and 15344; named by its own 3D, not by a model."""
     folder = shared_data / "blobs" / "qualisys_run"

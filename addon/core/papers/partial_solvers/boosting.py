@@ -20,8 +20,8 @@ VALUES_ONCE = 4_000_000  # of features in memory at once
 class Boosting:
     """How strong classifiers are chosen."""
 
-    # paper, 3.3: share of the wrong labellings that the strong classifier must reject before it is done
-    accuracy: float = 0.9999  # paper
+    # share of the wrong labellings that the strong classifier must reject before it is done
+    accuracy: float = 0.9999  # paper, 3.3
     period: int = 16  # paper, 3.3: wrong labellings presented between two additions to it
 
 

@@ -105,8 +105,8 @@ class Genetics:
     generations: int = 40  # measured: die-outs
     # share of the operations that are crossovers; the others are mutations, of each kind as many
     crossover: float = 0.5  # measured
-    # paper, 4.2: share of the population that each die-out removes; as many operations come between two
-    die_out: float = 0.25  # paper
+    # share of the population that each die-out removes; as many operations come between two
+    die_out: float = 0.25  # paper, 4.2
 
 
 def crossover(one: np.ndarray, other: np.ndarray, generator: np.random.Generator) -> np.ndarray:

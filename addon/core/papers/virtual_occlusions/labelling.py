@@ -32,19 +32,19 @@ class Rules:
     slack_m: float = 0.0005  # physical
     # no blob farther than this from a projection is considered, an arm's thickness
     max_distance_m: float = 0.12  # physical
-    # paper, 5.1: the neighbourhood, four standard deviations, which one right blob in 3,000 exceeds; two rays make a
-    # marker within as many of the model's
-    max_square: float = 16.0  # paper
-    # paper, 5.1: squared deviations to the next marker of a blob that is clear: seven times less likely
-    min_lead: float = 4.0  # paper
+    # the neighbourhood, four standard deviations, which one right blob in 3,000 exceeds; two rays make a marker within
+    # as many of the model's
+    max_square: float = 16.0  # paper, 5.1
+    # squared deviations to the next marker of a blob that is clear: seven times less likely
+    min_lead: float = 4.0  # paper, 5.1
     # deviations by which a ray may miss the point that it helped to make; half of them lose 1.9 % of walks in five
     # noisy cameras (`body26`), twice as many 0.2 %
     max_miss: float = 3.5  # measured
     # deviations by which a blob may lie off a reprojected point, which is uncertain, too; half of them lose 0.4 %
     # there, twice as many nothing
     max_off_point: float = 5.0  # measured
-    # paper, 5.2: squared deviations within which a blob belongs to the point that it lies on, three
-    max_on_point: float = SIGMAS**2  # paper
+    # squared deviations within which a blob belongs to the point that it lies on, three
+    max_on_point: float = SIGMAS**2  # paper, 5.2
     merged_m: float = 0.02  # physical: between two markers whose images melt into one blob, larger than a marker
     min_meetings: int = 5  # physical: markers that must meet in space to show the blobs' noise, as many as one limb has
 

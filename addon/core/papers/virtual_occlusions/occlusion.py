@@ -25,9 +25,8 @@ class OCCLUDING:
 
     # heights, how far a marker's centre is off the skin that carries it, the radius of a 14 mm marker and its base
     standoff: float = 0.005  # physical
-    # paper, 4, rather visible than hidden: nearer to a capsule's axis than this part of its radius, nobody knows on
-    # which side of the body a marker sits
-    min_side_share: float = 0.25  # paper
+    # nearer to a capsule's axis than this part of its radius, nobody knows on which side of the body a marker sits
+    min_side_share: float = 0.25  # paper, 4: rather visible than hidden
     # of the radii of a body that is being fitted; 0.4 % of the markers seen are then believed hidden, with whole radii
     # 1.7 % (`gait15`)
     fitted_shrink: float = 0.9  # measured

@@ -23,14 +23,12 @@ class AssemblyOptions:
     """What a placement of a rigid body may look like, and what it, and distances between rigid bodies, are worth."""
 
     noise_share: float = 0.003  # of a length, between takes; physical: plates bend, and calibrations differ
-    # log likelihood of one more point that fits; measured: half of it names 2,257 of 133,000 points on plates wrongly,
-    # twice none
-    point_gain: float = 7.0  # measured
-    # of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none, twice 80
-    breach_weight: float = 8.0  # measured
-    # log odds a single marker must have beside the number of points that it may be; measured: twice loses 1,411 of
-    # them, half none; without it 9 are wrong
-    single_cost: float = 1.0  # measured
+    # log likelihood of one more point that fits
+    point_gain: float = 7.0  # measured: half of it names 2,257 of 133,000 points on plates wrongly, twice none
+    # of the mean breach between two rigid bodies
+    breach_weight: float = 8.0  # measured: of 133,000 labels on plates half loses none, twice 80
+    # log odds a single marker must have beside the number of points that it may be
+    single_cost: float = 1.0  # measured: twice loses 1,411 of them, half none; without it 9 are wrong
 
     def spread(self, lengths: np.ndarray | float) -> np.ndarray:
         """The standard deviation, m, of measured lengths, m."""

@@ -19,22 +19,19 @@ from .shape import SUBJECT_PRIOR
 class CONSTRAINING:
     """Which distances are constraints, and how strong the evidence of one is."""
 
-    # standard deviation of a length in one subject; physical: 4 cm, more than skin moves over bone
-    max_sd_radii: float = 0.05  # physical
-    # that a length has at least on another subject; physical: 5 mm, as markers are put on by hand
-    min_sd_radii: float = 0.006  # physical
+    # standard deviation of a length in one subject
+    max_sd_radii: float = 0.05  # physical: 4 cm, more than skin moves over bone
+    # that a length has at least on another subject
+    min_sd_radii: float = 0.006  # physical: 5 mm, as markers are put on by hand
     min_frames: int = 20  # that a length is learned from
-    # log likelihood that a broken one takes, before its weight; measured: with half people of other labs lose 4 %, with
-    # twice 6 %
-    max_cost: float = 6.0  # measured
-    # that one counts with; measured: with 0.25 or 1 names of 1 % of people of other labs are wrong
-    max_weight: float = 0.5  # measured
-    # that all of a marker's count for together, as most share a marker; measured: with half or twice names of 0.7 % of
-    # people of other labs are wrong
-    total_of_marker: float = 4.0  # measured
-    # logarithm of a distance over its length, from which it says nothing of the subject's size; physical: nobody is
-    # half as large again
-    max_size_ratio: float = 0.4  # physical
+    # log likelihood that a broken one takes, before its weight
+    max_cost: float = 6.0  # measured: with half people of other labs lose 4 %, with twice 6 %
+    # that one counts with
+    max_weight: float = 0.5  # measured: with 0.25 or 1 names of 1 % of people of other labs are wrong
+    # that all of a marker's count for together, as most share a marker
+    total_of_marker: float = 4.0  # measured: with half or twice names of 0.7 % of people of other labs are wrong
+    # logarithm of a distance over its length, from which it says nothing of the subject's size
+    max_size_ratio: float = 0.4  # physical: nobody is half as large again
     min_size_sd: float = 0.05  # of the logarithm of subjects' size; physical: grown people's heights differ by 5 %
 
 

@@ -19,10 +19,10 @@ class FRAME_NAMING:
     """How frames are worked on."""
 
     max_pairs: int = 40_000  # of the points of frames at once; memory: the processor's own
-    # the same of sets on rigid bodies, of which less is worked out for each pair; memory
+    # the same of sets on rigid bodies, of which less is worked out for each pair
     max_rigid_pairs: int = 270_000  # memory
-    # of a frame's outcome, from which more guesses are followed; measured: half or twice names people of other labs
-    # alike, without it five of seven parts of a body are refused
+    # of a frame's outcome, from which more guesses are followed; half or twice names people of other labs alike,
+    # without it five of seven parts of a body are refused
     max_mean_square: float = 0.5  # measured
 
 

@@ -31,17 +31,15 @@ class LEARN:
     min_frames: int = 10  # to learn from; physical: a tenth of a second at 100 Hz, fewer show no motion
     max_frames: int = 1000  # memory and time: of each fold that are named
     max_labels: int = 26000  # memory and time: that are enough of them
-    # part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and one more
-    max_hidden: float = 1 / 3  # paper
-    # that the mirrored mean may differ from the mean, where names mean sides; physical: 20 cm, half of what left and
-    # right are apart
-    max_mirrored_radii: float = 0.25  # physical
+    # part of the markers that is hidden in a trial
+    max_hidden: float = 1 / 3  # paper: 4 of 15 (partial solvers, table 3), and one more
+    # that the mirrored mean may differ from the mean, where names mean sides
+    max_mirrored_radii: float = 0.25  # physical: 20 cm, half of what left and right are apart
     around_radii: float = 0.5  # beyond the subject's own box where ghosts still appear; physical: 40 cm, a hand's reach
-    # standard deviation of where a marker of another set sits about one of this; physical: 20 cm
-    beside_sd_radii: float = 0.25  # physical
-    # how far along the line through two markers others may sit, in parts of their distance; physical: sets have markers
-    # between theirs, and beyond the last of a limb
-    max_along: float = 1.5  # physical
+    # standard deviation of where a marker of another set sits about one of this
+    beside_sd_radii: float = 0.25  # physical: 20 cm
+    # how far along the line through two markers others may sit, in parts of their distance
+    max_along: float = 1.5  # physical: sets have markers between theirs, and beyond the last of a limb
 
 
 FOLDS = 5  # that subjects or frames are split into

@@ -20,12 +20,12 @@ from .starts import COARSE_MODES
 class CALIBRATION:
     """How the chance of a label is learned from its margin, log odds, and its frame."""
 
-    # margins at which the line may bend; format: a model file has a weight for each
-    knees: tuple[float, ...] = (0.0, 2.0, 5.0)  # format
-    # parts wrong between which the kept rates lie, by even ratios: where wrong labels are; format
+    # margins at which the line may bend
+    knees: tuple[float, ...] = (0.0, 2.0, 5.0)  # format: a model file has a weight for each
+    # parts wrong between which the kept rates lie, by even ratios: where wrong labels are
     error_range: tuple[float, float] = (1e-5, 0.3)  # format
-    # parts of the markers that are named, between which frames are of one kind; format: a row for each kind
-    kind_bounds: tuple[float, ...] = (0.7, 0.87)  # format
+    # parts of the markers that are named, between which frames are of one kind
+    kind_bounds: tuple[float, ...] = (0.7, 0.87)  # format: a row for each kind
 
 
 LEVELS = 200  # rates whose least log odds are kept, in a model file

@@ -83,10 +83,10 @@ IMPOSSIBLE = -1e6  # log odds
 class GHOSTS_EXPECTED:
     """What is assumed of a frame's ghosts and hidden markers before it is seen."""
 
-    # ghosts in a cube of one radius; measured: half or twice loses 2 % of walks learned from still trials
-    density: float = 0.01  # measured
-    # points more than markers that are nothing unusual; measured: half loses 2 % of other people's plates
-    max_usual: int = 3  # measured
+    # ghosts in a cube of one radius
+    density: float = 0.01  # measured: half or twice loses 2 % of walks learned from still trials
+    # points more than markers that are nothing unusual
+    max_usual: int = 3  # measured: half loses 2 % of other people's plates
     crowd_cubes: float = 15.0  # such cubes that the points beyond are in; physical: about a body that more of is marked
     hidden_chance: float = 0.25  # that a marker is hidden; paper: about 4 of 15 (partial solvers, table 3)
 

@@ -18,9 +18,8 @@ from ...geometry.upright import turned, upright_aligned
 class SUBJECT_PRIOR:
     """How much subjects are taken to differ, whatever a few of them show: it counts as one subject more."""
 
-    # times the spread between the subjects seen, of which a handful shows less than there is; measured on people left
-    # out of training
-    between: float = 1.3  # measured
+    # times the spread between the subjects seen, of which a handful shows less than there is
+    between: float = 1.3  # measured on people left out of training
     size_sd: float = 0.08  # standard deviation of size, in parts of it; learned: as recorded people differ
     marker_sd_radii: float = 0.04  # of where a marker sits besides; learned: as recorded people differ
     length_sd: float = 0.03  # of a distance between markers besides, in parts of it; physical: people's proportions
@@ -29,12 +28,10 @@ class SUBJECT_PRIOR:
 class SHAPE:
     """How a shape is learned."""
 
-    # times the variance of the poses seen: a few short takes show less than there are; measured on people left out of
-    # training
-    pose_variance: float = 3.0  # measured
-    # of the covariance between subjects towards its own diagonal; measured: without it walks learned from a still trial
-    # or a frame lose 4 %
-    shrinkage: float = 0.25  # measured
+    # times the variance of the poses seen: a few short takes show less than there are
+    pose_variance: float = 3.0  # measured on people left out of training
+    # of the covariance between subjects towards its own diagonal
+    shrinkage: float = 0.25  # measured: without it walks learned from a still trial or a frame lose 4 %
     min_sd_radii: float = 0.016  # what a marker does that no mode explains; physical: 1.3 cm, skin and placement
 
 
@@ -162,8 +159,8 @@ PLACE, YAW, FIRST_MODE = slice(0, 3), 3, 4  # columns of a latent vector
 class LATENT:
     """How freely a shape is placed."""
 
-    # where the subject stands is as good as unknown; physical: a room is six times as wide as a person
-    place_sd_radii: float = 6.0  # physical
+    # where the subject stands is as good as unknown
+    place_sd_radii: float = 6.0  # physical: a room is six times as wide as a person
     yaw_sd_rad: float = 0.5  # of one step; physical: the linear yaw is good for no larger one
 
 

@@ -43,16 +43,16 @@ from .starts import Guesses
 class SOLVING:
     """How far guesses are followed, by log likelihood, and which neighbouring namings are tried."""
 
-    # a frame's best, from which a guess is followed no further; measured: half or twice names people of other labs, and
-    # crowds, alike, with 25 head, trunk and arms alone are refused once
+    # a frame's best, from which a guess is followed no further; half or twice names people of other labs, and crowds,
+    # alike, with 25 head, trunk and arms alone are refused once
     max_behind_guess: float = 60.0  # measured
-    # the same once it has been named again; measured: half loses 1 to 2 % there, twice nothing
-    max_behind_named: float = 25.0  # measured
-    # the same for a frame's best with a limb exchanged; measured: with twice 4 % of a squat's names and 6 % of a
-    # dance's are wrong, with none 814 of 4,050 of pelvis and one leg
+    # the same once it has been named again
+    max_behind_named: float = 25.0  # measured: half loses 1 to 2 % there, twice nothing
+    # the same for a frame's best with a limb exchanged; with twice 4 % of a squat's names and 6 % of a dance's are
+    # wrong, with none 814 of 4,050 of pelvis and one leg
     max_behind_exchange: float = 12.0  # measured
-    # of a point from where a marker is expected, to be tried there; physical: 65 cm, an arm's reach
-    max_distance_radii: float = 0.8  # physical
+    # of a point from where a marker is expected, to be tried there
+    max_distance_radii: float = 0.8  # physical: 65 cm, an arm's reach
 
 
 MIN_GAIN = 0.05  # log likelihood that is worth another round

@@ -24,15 +24,14 @@ TWIN = 1e6  # what takes a solution out of the choice
 class StartOptions:
     """How guesses are sought."""
 
-    # radii², of the first step and of the last, which fall by even ratios; physical: from half a limb to as far as a
-    # marker may sit elsewhere
-    softness: tuple[float, float] = (0.08, 0.001)  # physical
+    # radii², of the first step and of the last, which fall by even ratios
+    softness: tuple[float, float] = (0.08, 0.001)  # physical: from half a limb to as far as a marker may sit elsewhere
     # part of the modes' spread that counts as noise, of the first step and of the last but two, by even ratios, too;
     # none at the end; where it falls as the softness does `clouds-p1` is refused, without it who wears two sets loses a
     # third
     loose: tuple[float, float] = (0.5, 0.003)  # measured
-    # solutions that face less far from each other are one; measured: half or twice names people of other labs, and
-    # crowds, alike, with 0.393 names of 1.6 % of crowds are wrong
+    # solutions that face less far from each other are one; half or twice names people of other labs, and crowds, alike,
+    # with 0.393 names of 1.6 % of crowds are wrong
     max_same_yaw_rad: float = 0.4  # measured
     # points that are no marker, 1/radius³, more than there are, as no marker is in its place yet; half or twice names
     # them alike, two fifths refuse `clouds-p1`

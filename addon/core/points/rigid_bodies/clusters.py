@@ -23,8 +23,8 @@ from .structure import INDEPENDENT, JOINT, MAX_COST, Structure, find_joints, qua
 class CLUSTER_MATCH:
     """What tracklets do that are one rigid thing, and what is worth, log likelihood, that it is a rigid body."""
 
-    # of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
-    missing_cost: float = 9.0  # measured
+    # of a rigid body that the take does not show as a cluster
+    missing_cost: float = 9.0  # measured on the raw take S09_KneeltoRun02
     odd_marker_cost: float = 0.7  # what a marker more or fewer costs; measured on it
     joint_gain: float = 2.0  # what a joint is worth where it is as in training; measured on it
 

@@ -31,12 +31,12 @@ from .structure import (
 
 
 class MARKER_MATCH:
-    """What is worth that a point is a marker of its rigid body, log likelihood, a tracklet one on none, log odds."""
+    """What is worth that a point is a marker of its rigid body, log likelihood, or a tracklet one on none, log odds."""
 
-    # that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
-    swing_rad: float = 0.4  # physical
-    # what a marker of the rigid body costs that no point is; measured on the raw take S09_KneeltoRun02
-    missing_cost: float = 6.0  # measured
+    # that a rigid body may be turned further than in training, in the mean over a take
+    swing_rad: float = 0.4  # physical: 23°
+    # what a marker of the rigid body costs that no point is
+    missing_cost: float = 6.0  # measured on the raw take S09_KneeltoRun02
     # that a rigid body's cluster, a point and a tracklet must lead by over what else they may be; with 5 of a point the
     # raw take S09_KneeltoRun02 has 56 markers and not 58, made up people in other plates have as many wrong
     min_lead: float = 3.0  # measured

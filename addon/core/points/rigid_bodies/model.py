@@ -19,8 +19,8 @@ from ...geometry.rigid import MIN_POINTS, distance_ranges, mean_form, pairwise_d
 class RIGID_BODY:
     """When markers are on rigid bodies, and how far their distances may leave what was seen."""
 
-    # radii, standard deviation of every distance within a rigid body; physical: 12 mm, as skin moves
-    max_rigid_sd: float = 0.015  # physical
+    # radii, standard deviation of every distance within a rigid body
+    max_rigid_sd: float = 0.015  # physical: 12 mm, as skin moves
     # times as much as within must distances to markers off a rigid body vary, on the Clouthier takes on plates and the
     # McGill walks on the skin: in a few steps a whole limb keeps its form too
     min_separation: float = 5.0  # measured
@@ -29,10 +29,10 @@ class RIGID_BODY:
     max_separate_sd: float = 0.021  # measured
     max_marker_m: float = 0.012  # that a marker may be off its place on a rigid body; physical: its own width
     min_sd_m: float = 0.001  # that any distance is taken to vary by; physical: how exact cameras are
-    # of the markers that must be on rigid bodies for the set to be; measured on the same takes
-    min_marker_part: float = 0.85  # measured
-    # standard deviation of where a prop is; physical: who stands still keeps their form too
-    min_prop_move_m: float = 0.03  # physical
+    # of the markers that must be on rigid bodies for the set to be
+    min_marker_part: float = 0.85  # measured on the same takes
+    # standard deviation of where a prop is
+    min_prop_move_m: float = 0.03  # physical: who stands still keeps their form too
     # of a distance's range that it may leave the range by, besides what plates put on by hand do, as no take shows all
     # poses; without it 1,106 of 133,000 names on plates are wrong
     slack_range: float = 0.25  # measured

@@ -20,13 +20,13 @@ from ...data.takes import evenly_spread
 class AFFINITY:
     """What distances between two markers of one body do, and how much of a take is looked at."""
 
-    # frames a second that are looked at; physical: nobody walks past anybody in a twentieth of a second
-    sample_rate: float = 20.0  # physical
-    # frames that the prior counts for, by which; measured on 20 kinds of meetings: 3 leaves 6 % of points to several
-    # bodies and not 4, 12 puts 0.4 % more on the wrong one
-    unknown: float = 6.0  # measured
-    # a distance varies by this part of it; physical: a bent limb shortens distances across it by a quarter
-    loose: float = 0.25  # physical
+    # frames a second that are looked at
+    sample_rate: float = 20.0  # physical: nobody walks past anybody in a twentieth of a second
+    # frames that the prior counts for, by which distances vary by `loose`; 3 leaves 6 % of points to several bodies
+    # and not 4, 12 puts 0.4 % more on the wrong one
+    unknown: float = 6.0  # measured on 20 kinds of meetings
+    # part of a distance that it varies by
+    loose: float = 0.25  # physical: a bent limb shortens distances across it by a quarter
     # frames that what was seen counts for at most where nothing moves more than skin does, and more as the square
     # grows: who stands still for two seconds shows no more by standing longer
     known: float = 40.0  # physical

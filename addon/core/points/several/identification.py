@@ -36,8 +36,8 @@ class IDENTIFICATION:
     # log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one of two who want a
     # tracklet of the other
     lead: float = MARKER_MATCH.min_lead
-    # part of a distance by which it differs in other motions; physical: skin moves over a bent joint
-    bend: float = 0.02  # physical
+    # part of a distance by which it differs in other motions
+    bend: float = 0.02  # physical: skin moves over a bent joint
     # log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be offered: what comes
     # before and after may be stronger evidence; to offer all names two who touch alike, in twice the time
     fitting: float = -4.0  # measured

@@ -26,9 +26,8 @@ from .wearers import MAX_SUBJECTS
 class PARTING_PEOPLE:
     """What a body shows of itself, how bodies are told apart by where they are, and tracklets parted into bodies."""
 
-    # part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice names eight
-    # meetings alike
-    firm: float = 0.2  # measured
+    # part of the usual affinity of a tracklet to others, below which it is a ghost
+    firm: float = 0.2  # measured: half or twice names eight meetings alike
     often: float = 0.05  # part of the frames in which so many are apart; measured: as firm
     # part of the points that are not farther out than where another body is looked for, as ghosts are; 0.8 and 0.97
     # part 20 kinds of meetings worse, by 0.3 and 0.1 % of the points
@@ -42,9 +41,8 @@ class PARTING_PEOPLE:
     # times the affinity to any other body that a tracklet's affinity to one must be, to be that one's alone; in 20
     # kinds of meetings 1.3 has a tenth more points on the wrong body alone, 2.2 twice as many on several
     clear: float = 1.6  # measured
-    # part of a tracklet's strongest affinity, below which it is not on a body; measured of 0.3 to 0.8 on `returning`
-    # and `returning-acting` of tests/accuracy/actors.py
-    on_body: float = 0.5  # measured
+    # part of a tracklet's strongest affinity, below which it is not on a body
+    on_body: float = 0.5  # measured of 0.3 to 0.8 on `returning` and `returning-acting` of tests/accuracy/actors.py
 
 
 NO_BODY = -1

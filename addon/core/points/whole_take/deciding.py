@@ -26,8 +26,8 @@ from .tracklets import FrameLabels
 class DECIDING:
     """What is sure enough to be said."""
 
-    # of the log odds of a target, that a tracklet's name must be ahead of any other by a solution; with half names of 2
-    # % of people of other labs are wrong, with twice they lose 6 %
+    # of the log odds of a target, that a tracklet's name must be ahead of any other by a solution; with half names of
+    # 2 % of people of other labs are wrong, with twice they lose 6 %
     odds_of_target: float = 0.6  # measured
 
 

@@ -29,9 +29,9 @@ class BLOCKS:
     """What is named again together."""
 
     size: int = 3  # physical: markers at a time: a heel, an ankle and a toe
-    # memory and time: that each may be, the likeliest on its own, and choices of each block that are weighed exactly;
-    # half names crowds alike
-    points: int = 6  # memory
+    # that each may be, the likeliest on its own, and choices of each block that are weighed exactly; half names crowds
+    # alike
+    points: int = 6  # memory and time
 
 
 def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:

@@ -35,8 +35,8 @@ class LikenessOptions:
     ghost_density: float = 0.3  # physical: points that are no marker in a cubic metre: one or two where a person moves
     # s that a tracklet must be longer to say as much again; with twice plates lose 2 %
     sample_s: float = 0.25  # measured
-    # what it can say at most, in such times; with 4 names of 1 % of people of other labs are wrong, with 9 they lose 3
-    # %
+    # what it can say at most, in such times; with 4 names of 1 % of people of other labs are wrong, with 9 they lose
+    # 3 %
     max_samples: float = 6.0  # measured
     block: int = 384  # memory: frames of tracklets at once
     change_s: float = PAIRING.min_s  # s, in which its distances become what they are at any time

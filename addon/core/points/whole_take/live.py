@@ -424,8 +424,8 @@ class LiveNamer:
     def _taken_back(self, window: Window, said: dict[int, int], others: tuple[int, ...]) -> list[int]:
         """The trajectories of a window that lose a name of ours as it leaves them unnamed.
 
-        Because they were there for as long as naming takes, or are likelier `others`, or that name goes to a newer one,
-        or to one that is there.
+        Because they were there for as long as naming takes, or are among `others`, which are likelier another marker,
+        or that name goes to a newer one, or to one that is there.
         """
         there = np.isfinite(window.xyz[..., 0])
         begun = there.argmax(axis=0)

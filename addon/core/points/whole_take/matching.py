@@ -17,9 +17,9 @@ from ..tracklets import VOTE
 class TAKE_MATCHING:
     """How what is open is decided."""
 
-    # memory and time: names that hang together of which all choices are tried one by one; of more SciPy's solver takes
-    # less, but it takes long to load
-    max_tried: int = 20  # memory
+    # names that hang together of which all choices are tried one by one; of more SciPy's solver takes less, but it
+    # takes long to load
+    max_tried: int = 20  # memory and time
     # log odds by which one naming is better than another: rounding must not choose between equals, of which the first
     # tracklets have the first markers
     least: float = 1e-6  # format

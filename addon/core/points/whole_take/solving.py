@@ -30,9 +30,8 @@ from .tracklets import FrameLabels, Tracklets, tracklets_of
 class ROUNDS:
     """How names spread."""
 
-    # log odds that a tracklet's name must be ahead of any other to be believed in the next; measured: twice loses 4 %
-    # of takes of other labs, half nothing
-    margin: float = 4.0  # measured
+    # log odds that a tracklet's name must be ahead of any other to be believed in the next
+    margin: float = 4.0  # measured: twice loses 4 % of takes of other labs, half nothing
     # that follow each other; with the last alone takes of other labs lose 1 %, without the first a crowd of which
     # frames know the trunk only loses a third
     freedoms: tuple[Freedom, ...] = (Freedom(0.0, 0.0, 0.0, 0.0), USUAL_FREEDOM, Freedom(0.25, 0.05, 0.05, 12.0))
