@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether the points of a take are the mirror image of who is in it, by what single frames are likelier."""
+"""Whether the points of a take are the mirror image of who is in it, by which of the two single frames are likelier."""
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,10 +18,10 @@ from .solving import MARGINS
 def refuse_mirrored(take: Points, marker: Table, models: list[Model], expected: str):
     """Raises MirroredError where the take's frames are likelier somebody's mirror image, as surely as a name has to be.
 
-    marker (T, L) is how its points are named, with the markers of one model after those of another. Whoever names are
-    of, what tells left from right may have none: of some frames all points are asked that nobody else has. A set that
-    has all markers twice is as likely either way, and single frames know nothing of rigid bodies that are others.
-    `expected` is what mends it.
+    marker (T, L) is how its points are named, with the markers of one model after those of another. What tells left
+    from right may have no name: in some frames all points are asked that nobody else has. A set that has all markers
+    twice is as likely either way. Of rigid bodies single frames know those of the training alone, and a single subject
+    may wear them higher on one side. `expected` is what mends it.
     """
     frames = evenly_spread(len(take.xyz), FRAMES_ASKED)
     some = take.in_order(frames)
@@ -31,11 +31,12 @@ def refuse_mirrored(take: Points, marker: Table, models: list[Model], expected: 
         own = (named >= first) & (named < first + len(model.markerset))
         first += len(model.markerset)
         seen = own.sum(axis=1) > MIN_POINTS
-        if model.likelihood is None or model.rigid_bodies is not None or not seen.any():
+        likelihood = model.likelihood
+        if likelihood is None or model.of_one_subject or model.rigid_bodies is not None or not seen.any():
             continue
         points = np.where((own | (named < 0))[..., None], some.xyz, np.nan)[seen]
         with threadpool_limits(1, user_api="blas"):
-            plain, image = (scores(model.likelihood, one) for one in (points, points * MIRROR))
+            plain, image = (scores(likelihood, one) for one in (points, points * MIRROR))
         if MARGINS.looks * np.median(image - plain) >= least_margin(USUAL_TARGET):
             why = f"its points are likelier the mirror image of who wears {model.markerset.name}"
             raise mirrored_error(why, expected)
