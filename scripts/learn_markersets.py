@@ -67,7 +67,7 @@ ACTOR_SOURCE = {
     "actor53": "p1, p2: keenon/nimblephysics at c405b05, BSD-2 licence; freeform and squats",
 }
 SOURCE = {
-    "learned": "2026-11-28 by scripts/learn_markersets.py",
+    "learned": "2026-11-30 by scripts/learn_markersets.py",
     "walkers": "HC…: mcgillmotionlab/biomechzoo at 7daadbc, MIT licence; each standing, walking straight and turning",
     "player": "Derrick: kineticstoolkit at 169a99d, Apache-2.0 licence; a tennis serve",
 }
@@ -171,6 +171,21 @@ def read_actors(data: Path, name: str, leave_out=()) -> dict[str, np.ndarray]:
     return found
 
 
+def takes_on(body: MarkerSet, data: Path, leave_out=()) -> list[tuple[np.ndarray, str]]:
+    """The takes (T, M, 3) m of actors whose set is laid on a body, of the body's markers, NaN of those that none wears.
+
+    Walkers hold their arms down: without actors wrists of who stands in a T-pose are asked about.
+    """
+    takes = []
+    for site in _laid_on(body.name):
+        worn = [dict(site.sites).get(marker, marker) for marker in site.markers]
+        place = [worn.index(marker) if marker in worn else -1 for marker in body.markers]
+        for person, points in read_actors(data, site.name, leave_out).items():
+            picked = np.where(np.array(place)[None, :, None] >= 0, points[:, place], np.nan)
+            takes.append((picked[::EVERY], person))
+    return takes
+
+
 def learn_actor_set(
     name: str, sets: Path, takes: dict[str, np.ndarray], people: list[people_study.Person]
 ) -> MarkerSet:
@@ -223,24 +238,34 @@ def main(arguments: list[str] | None = None):
     people = read_people(given.data, given.leave_out)
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.sets:
-        began = time.perf_counter()
+        began, acted = time.perf_counter(), []
         if name in anatomy.SETS:
             markerset = learn_set(people, name)
             takes = read_takes(given.data, markerset.markers, given.leave_out)
+            acted = takes_on(markerset, given.data, given.leave_out)
         else:
             actors = read_actors(given.data, name, given.leave_out)
             markerset = learn_actor_set(name, given.out, actors, people)
             takes = [(points[::EVERY], person) for person, points in actors.items()]
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
-            likelihood = learn_likelihood(takes, markerset.markers)
-        write_model(given.out / f"{name}{SUFFIX}", Model(markerset, likelihood))
+            likelihood = learn_likelihood(takes + acted, markerset.markers)
+            # Who stands and walks is more alike: one leg alone is known among these.
+            second = learn_likelihood(takes, markerset.markers) if acted else None
+        write_model(given.out / f"{name}{SUFFIX}", Model(markerset, likelihood, second=second))
         print(f"{name}: {len(markerset)} markers, {time.perf_counter() - began:.1f} s")
 
 
 def learn_set(people: list[people_study.Person], name: str) -> MarkerSet:
     """A built-in marker set from these people, with a note of where its numbers come from."""
     markerset = people_study.learn(people, name)
-    return replace(markerset, source={**markerset.source, **SOURCE})
+    source = {**markerset.source, **SOURCE}
+    for site in _laid_on(name):
+        source |= {"actors": ACTOR_SOURCE[site.name], "second evidence": "without actors"}
+    return replace(markerset, source=source)
+
+
+def _laid_on(body: str) -> list[anatomy.ActorSet]:
+    return [site for site in anatomy.ACTOR_SETS.values() if site.body == body]
 
 
 if __name__ == "__main__":

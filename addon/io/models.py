@@ -114,7 +114,8 @@ def _plates(reader: Reader, value: object, count: int) -> tuple[np.ndarray, ...]
 
 
 # What the parts are called in the file.
-LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"
+LIKELIHOOD, SECOND = "evidence", "second_evidence"
+PARTIAL_SOLVERS, TRAINING_TAKES = "ensemble", "training_takes"
 INDICES, PLAIN_NUMBERS = "iu", "fiu"  # kinds of arrays
 MAX_MARKER_M = 1e3  # m; no marker of a training take is farther away
 
@@ -156,14 +157,14 @@ def read_model(path: Path) -> Model:
     """A model, checked in every part. Raises InputError that names the part."""
     reader, top = open_document(path)
     markerset = markerset_in(reader, top)
-    learned = None
-    if LIKELIHOOD in top:
-        learned = read_likelihood(reader, top[LIKELIHOOD], markerset.markers)
+    learned, second = (
+        read_likelihood(reader, top[key], markerset.markers) if key in top else None for key in (LIKELIHOOD, SECOND)
+    )
     solvers = None
     if PARTIAL_SOLVERS in top:
         solvers = _partial_solvers(top[PARTIAL_SOLVERS], markerset.markers, path)
     takes = _training_takes(top, len(markerset), path)
-    return Model(markerset, learned, solvers, takes, read_history(top, path), fingerprint_of(top))
+    return Model(markerset, learned, solvers, takes, read_history(top, path), fingerprint_of(top), second)
 
 
 def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> PartialSolvers:
@@ -196,8 +197,9 @@ def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, 
 def write_model(path: Path, model: Model):
     """Writes a model; partial solvers and training takes come back exactly, the rest with six significant digits."""
     document = document_of(model.markerset)
-    if model.likelihood is not None:
-        document[LIKELIHOOD] = likelihood_document(model.likelihood)
+    for key, likelihood in ((LIKELIHOOD, model.likelihood), (SECOND, model.second)):
+        if likelihood is not None:
+            document[key] = likelihood_document(likelihood)
     if model.partial_solvers is not None:
         document[PARTIAL_SOLVERS] = pack(model.partial_solvers)
     if model.training_takes:

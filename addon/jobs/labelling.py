@@ -4,7 +4,7 @@
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from ..core.points.motion import labelled_points
 from ..core.points.possible import MEND_MIRRORED, MEND_POINTS, Handedness, slow_words
 from ..core.points.refusals import SubjectsError, UnsuitedError, refuse_two_groups
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
+from ..core.points.whole_take.mirrored import refuse_mirrored
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
 from ..core.posing.finer import finer
@@ -212,8 +213,10 @@ class PointTake(OpenTake):
         return self.labelled.doubts, self.labelled.suspects
 
     def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
-        """Nothing is left to be noticed."""
-        return [], ()
+        """Whether the take is mirrored: nothing else is left to be noticed."""
+        models = [self.model] if self.several is None else [one.model for one in self.named_by.subjects]
+        check = partial(refuse_mirrored, self.take, self.labelled.labels.marker, models, self.mend)
+        return self.job.doubted(check), ()
 
     def facts(self, results: "Results") -> dict:
         """What the report of points says beside what every report says."""

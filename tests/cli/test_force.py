@@ -42,7 +42,7 @@ def test_a_mirrored_take_is_refused_and_mended(run, figures, walks, tmp_path):
     assert label(name="plain.c3d").status == 0
     before = sorted(out.iterdir())
     reason = label().refusal(1)
-    assert "is left-handed: one axis is mirrored, as RBAK would be on the other side of the body" in reason
+    assert "is left-handed: one axis is mirrored, as its points are likelier the mirror image of who wears" in reason
     assert reason.endswith("; --force goes on regardless")
     assert sorted(out.iterdir()) == before, "nothing is named"
 
@@ -70,6 +70,12 @@ def test_a_mirrored_take_is_refused_by_the_joints_it_is_named_by(run, walks, tmp
     rest = [index for index, name in enumerate(take.names) if name != "T10"]
     write_c3d(tmp_path / "without.c3d", take.picked(rest))
     assert "is left-handed" in run("label", tmp_path / "without.c3d", *words, "--out", tmp_path / "out").refusal(1)
+
+
+def test_whoever_does_not_wear_what_tells_the_sides_is_named_mirrored_or_not(run, walks, tmp_path):
+    take = read_points(walks / "mirrored.c3d")
+    write_c3d(tmp_path / "without.c3d", take.picked([at for at, name in enumerate(take.names) if name != "RBAK"]))
+    assert run("label", tmp_path / "without.c3d", "--model", LOPSIDED, "--out", tmp_path / "out").status == 0
 
 
 def test_of_blobs_it_is_images_or_calibration_that_are_mirrored(walks, label, room):

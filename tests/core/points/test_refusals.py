@@ -31,6 +31,7 @@ from tests.core.scenes import RATE, anonymous, walker
 
 PLATES = 3  # of four markers each
 FRAMES = 60
+LEFT_LEG = {"LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB", "LANK", "LHEE", "LTOE"}
 
 
 def person(seed: int, at=(0.0, 0.0)) -> np.ndarray:
@@ -84,6 +85,18 @@ def test_what_the_model_is_for_passes_and_another_marker_set_is_said_so(model, p
         assert "does not look like a take of model gait15" in refused(model, points)
     for points in (person(1), chaos, robot(1, form=8)):
         assert "does not look like a take of model robot" in refused(plated, points)
+
+
+def test_a_take_that_the_first_likelihood_refuses_is_named_by_the_second():
+    """A leg alone, which among people who hold their arms and legs in every way may be anything."""
+    model = open_model("body39")
+    own = [at for at, name in enumerate(model.markerset.markers) if name in LEFT_LEG]
+    walk = walker("body39", 3, [Act(FRAMES / 60)])[:FRAMES, own]
+    take = anonymous(walk, 60.0)
+    with pytest.raises(JobError, match="does not look like a take of model body39"):
+        finished(label_take(take, replace(model, second=None), PointOptions("likelihood")))
+    given = finished(label_take(take, model, PointOptions("likelihood"))).labels.marker
+    assert (given == own).mean() > 0.9
 
 
 @pytest.mark.parametrize("distance", [1.5, 4.0])

@@ -55,6 +55,12 @@ def label_frames(likelihood: Likelihood, points: np.ndarray) -> Iterator[Labels]
         yield label_some(likelihood, points[frames])
 
 
+def scores(likelihood: Likelihood, points: np.ndarray) -> np.ndarray:
+    """(T,) nats, how likely the best naming of each of frames of points (T, P, 3) m is, as `Solved.score`."""
+    parts = [points[frames] for frames in chunks(points, likelihood.rigid_bodies is not None)]
+    return np.concatenate([solve_frames(likelihood.known, _packed(part)[0]).score for part in parts])
+
+
 def chunks(points: np.ndarray, rigid: bool = False) -> Iterator[slice]:
     """The frames of points (T, P, 3) that are best worked on at once; `rigid` for sets on rigid bodies."""
     most = max(int(np.isfinite(points[..., 0]).sum(axis=1).max(initial=0)), 1)

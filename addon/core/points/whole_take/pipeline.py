@@ -8,6 +8,7 @@ they are applied to what comes of it.
 """
 
 from collections.abc import Callable, Generator, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -27,7 +28,16 @@ from ...review.suspects import summarised
 from ..models import USUAL_TARGET, Model, Namer, namer_of
 from ..motion import LabelledPoints, by_marker, take_motion
 from ..possible import refuse_impossible
-from ..refusals import Sample, refuse_floods, refuse_others, refuse_two_groups, refuse_unlike, refuse_unrecognised
+from ..refusals import (
+    Sample,
+    SubjectsError,
+    UnsuitedError,
+    refuse_floods,
+    refuse_others,
+    refuse_two_groups,
+    refuse_unlike,
+    refuse_unrecognised,
+)
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
 from .deciding import can_be_solved, once, verdict_of
@@ -106,11 +116,26 @@ class PointOptions:
 
 
 def label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:
-    """Names the points of a take, and poses the body on them.
+    """Names the points of a take, and poses the body on them; by the model's second likelihood if the first refuses.
 
     Labels are by lanes, as the points; suspects call trajectories by their index in the file (`Points.columns`).
     Raises JobError where the take is not of one subject in the model's markers, or cannot be as it says.
     """
+    second = replace(model, likelihood=model.second, second=None)
+    try:
+        return (yield from _label_take(take, model, options))
+    except SubjectsError:
+        raise
+    except UnsuitedError:
+        if second.likelihood is None or options.method != "likelihood":
+            raise
+        with suppress(UnsuitedError):
+            return (yield from _label_take(take, second, options))
+        raise
+
+
+def _label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:
+    """The same by one likelihood."""
     begin = perf_counter()
     refuse_floods(take.xyz)
     if not (options.force or options.traced):

@@ -54,14 +54,18 @@ def named(likelihood, trial, target=0.99):
 @pytest.mark.parametrize("legs", [True, False])
 @pytest.mark.parametrize("size", [1.0, 1.1])
 def test_half_a_body_is_named_of_a_tall_person_too(legs, size):
-    """Among ghosts; its middle is not the cloud's, and a larger half is much like a smaller whole."""
+    """Among ghosts; its middle is not the cloud's, and a larger half is much like a smaller whole.
+
+    By the likelihood of walkers alone, whom halves of a body are asked of.
+    """
     model, generator = open_model("body39"), np.random.default_rng(1)
+    likelihood = model.second
     below = {f"{side}{name}" for side in "LR" for name in ("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE")}
     worn = np.array([at for at, name in enumerate(model.markerset.markers) if (name in below) is legs])
-    points = np.repeat(size * model.likelihood.shape.mean[None, worn] + np.array([1.0, 2.0, 0.9]), 12, axis=0)
+    points = np.repeat(size * likelihood.shape.mean[None, worn] + np.array([1.0, 2.0, 0.9]), 12, axis=0)
     ghosts = points.mean(axis=(0, 1)) + generator.normal(0, 0.6, (12, 4 * legs, 3))
     points = turned(np.concatenate([points, ghosts], axis=1), generator.uniform(-np.pi, np.pi, 12))
-    given = label_some(model.likelihood, points + generator.normal(0, 0.01, points.shape)).marker[:, : len(worn)]
+    given = label_some(likelihood, points + generator.normal(0, 0.01, points.shape)).marker[:, : len(worn)]
     assert (given == worn).mean() > 0.95
 
 

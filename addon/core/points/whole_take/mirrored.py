@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether the points of a take are the mirror image of who is in it, by which of the two single frames are likelier."""
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ...body.sides import MIRROR
+from ...data.made import Table
+from ...data.takes import Points, evenly_spread
+from ...geometry.rigid import MIN_POINTS
+from ..likelihood.frames import scores
+from ..models import USUAL_TARGET, Model
+from ..possible import FRAMES_ASKED, mirrored_error
+from .deciding import least_margin
+from .solving import MARGINS
+
+
+def refuse_mirrored(take: Points, marker: Table, models: list[Model], expected: str):
+    """Raises MirroredError where the take's frames are likelier somebody's mirror image, as surely as a name has to be.
+
+    marker (T, L) is how its points are named, with the markers of one model after those of another. What tells left
+    from right may have no name: in some frames all points are asked that nobody else has. A set that has all markers
+    twice is as likely either way. Of rigid bodies single frames know those of the training alone, and a single subject
+    may wear them higher on one side. `expected` is what mends it.
+    """
+    frames = evenly_spread(len(take.xyz), FRAMES_ASKED)
+    some = take.in_order(frames)
+    named = some.of(marker[frames])
+    first = 0
+    for model in models:
+        own = (named >= first) & (named < first + len(model.markerset))
+        first += len(model.markerset)
+        seen = own.sum(axis=1) > MIN_POINTS
+        likelihood = model.likelihood
+        if likelihood is None or model.of_one_subject or model.rigid_bodies is not None or not seen.any():
+            continue
+        points = np.where((own | (named < 0))[..., None], some.xyz, np.nan)[seen]
+        with threadpool_limits(1, user_api="blas"):
+            plain, image = (scores(likelihood, one) for one in (points, points * MIRROR))
+        if MARGINS.looks * np.median(image - plain) >= least_margin(USUAL_TARGET):
+            why = f"its points are likelier the mirror image of who wears {model.markerset.name}"
+            raise mirrored_error(why, expected)
