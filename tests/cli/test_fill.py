@@ -68,7 +68,25 @@ def test_what_was_filled_before_stays_marked_and_longer_gaps_are_left_and_told(r
     assert {take.names[column] for column in np.nonzero(take.residual == 0)[1]} == set(GAPS)
     said = run("fill", holed / "walk.c3d", "--out", tmp_path / "c.c3d", "--max-gap", 2, "--model", MODEL).out
     assert "1 of 2 gaps filled" in said
-    assert "left: LKNE, frames 105 to 108: the gap is longer than 2 frames" in said
+    assert "left: LKNE, frames 105–108: the gap is longer than 2 frames" in said
+
+
+def test_one_is_said_as_one(run, holed, room, tmp_path):
+    """Of a gap of a frame, and of a frame of one marker."""
+    one = read_points(room.c3d).picked([0])
+    xyz = one.xyz.copy()
+    xyz[5] = np.nan
+    write_c3d(tmp_path / "one.c3d", replace(one, xyz=xyz))
+    said = run("fill", tmp_path / "one.c3d", "--out", tmp_path / "full.c3d").done().out
+    assert "1 of 1 gap filled, 1 of 1 missing sample, " in said
+    words = "fill", holed / "walk.c3d", "--out", tmp_path / "left.c3d", "--max-gap", 1
+    assert "the gap is longer than 1 frame\n" in run(*words).done().out
+    write_c3d(tmp_path / "frame.c3d", replace(one, xyz=xyz[:1], residual=one.residual[:1]))
+    assert "1 frame, 0 of 0 gaps filled" in run("fill", tmp_path / "frame.c3d", "--out", tmp_path / "b.c3d").done().out
+    model = tmp_path / "me.markerset.json"
+    assert "has 1 named marker; expected 4" in run("train", tmp_path / "one.c3d", "--out", model).refusal(2)
+    words = "simulate", room.c3d, "--cameras", room.cameras, "--out", tmp_path / "one.csv", "--frames", "105:105"
+    assert " in 1 frame, 8 cameras, the body" in run(*words).done().out
 
 
 def test_bad_inputs(run, holed, tmp_path):

@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
 from ..data.takes import evenly_spread
+from ..data.wording import count_of
 from . import plain
 from .gaps import Gap, KnownMarkers, find_gaps, find_strays
 from .kept import KeptFill
@@ -185,7 +186,7 @@ class _Filler:
     def fill(self, gap: Gap):
         """Fills a gap, or notes why it is left."""
         if self.options.max_gap is not None and len(gap) > self.options.max_gap:
-            reason = f"is longer than {self.options.max_gap} frames"
+            reason = f"is longer than {count_of(self.options.max_gap, 'frame')}"
         else:
             reason = self._beyond_reach(gap) or self._fill_in_turn(gap)
         if reason:
@@ -221,7 +222,8 @@ class _Filler:
                 )
         if gap.stop < len(path) and self.jumps[gap.stop, gap.marker] and gap.start > 0:
             off = np.linalg.norm(path[gap.stop] - path[gap.start - 1])
-            return f"has ends {off:.2f} m apart, too far for its {len(gap)} frames: one of them is named wrongly"
+            room = count_of(len(gap), "frame")
+            return f"has ends {off:.2f} m apart, too far for its {room}: one of them is named wrongly"
         return ""
 
     def _paths(self, gap: Gap, own: np.ndarray) -> Iterator[tuple[str, np.ndarray, float]]:

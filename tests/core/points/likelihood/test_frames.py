@@ -133,7 +133,7 @@ def test_training_says_what_is_wrong_with_takes():
         learn_likelihood([(gone, "a")], NAMES)
     with pytest.raises(InputError, match="no frame shows half"):
         learn_likelihood([(np.full((5, len(NAMES), 3), np.nan), "a")], NAMES)
-    with pytest.raises(InputError, match="too few"):
+    with pytest.raises(InputError, match="3 markers cannot be told apart"):
         learn_likelihood([(np.zeros((5, 3, 3)), "a")], NAMES[:3])
     with pytest.raises(InputError, match="no two markers keep their distance"):
         learn_likelihood([(np.random.default_rng(1).random((40, len(NAMES), 3)), "a")], NAMES)
