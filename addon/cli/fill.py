@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..core.data.wording import count_of, words_of_frames
 from ..core.filling.filling import FILL_METHODS
-from ..io.markersets import open_markerset
+from ..io.models import open_model
 from ..jobs.fill import FillJob, fill_file
 from .arguments import add_options, job_of, names, whole
 from .console import RENUMBERED, report_work
@@ -42,7 +42,7 @@ def run(arguments) -> int:
     """Fills one take."""
     job = job_of(FillJob, arguments)
     if job.model is not None:
-        open_markerset(job.model)  # a name that is none is no path of a file
+        open_model(job.model)  # a name that is none is no path of a file
     return report_work(arguments, fill_file(job), job.source.stem, _lines)
 
 

@@ -2,7 +2,9 @@
 """`fill` and `label --fill`: gaps are closed and told, what was measured stays, what is wrong is one sentence."""
 
 import json
+import shutil
 from dataclasses import replace
+from unittest.mock import Mock
 
 import ezc3d
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from addon.core.data.takes import Points
 from addon.demo.take import MODEL
+from addon.io import markersets
 from addon.io.points import read_points, write_c3d, write_trc
 
 from .conftest import report_of, rows_of
@@ -69,6 +72,14 @@ def test_what_was_filled_before_stays_marked_and_longer_gaps_are_left_and_told(r
     said = run("fill", holed / "walk.c3d", "--out", tmp_path / "c.c3d", "--max-gap", 2, "--model", MODEL).out
     assert "1 of 2 gaps filled" in said
     assert "left: LKNE, frames 105–108: the gap is longer than 2 frames" in said
+
+
+def test_a_model_is_read_once(run, holed, tmp_path, monkeypatch):
+    model = shutil.copy(markersets.markerset_file(MODEL), tmp_path)
+    reading = Mock(wraps=markersets.read_json)
+    monkeypatch.setattr(markersets, "read_json", reading)
+    run("fill", holed / "walk.c3d", "--out", tmp_path / "full.c3d", "--model", model).done()
+    assert reading.call_count == 1
 
 
 def test_one_is_said_as_one(run, holed, room, tmp_path):
