@@ -16,7 +16,7 @@ from ...core.data.wording import count_of
 from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
 from ...io.provenance import INSTEAD, REPORT
 from ...io.scratch import take_away_scratch
-from ...io.whole import finish_renaming
+from ...io.whole import finish_renaming, none_left_empty
 from ...jobs.job import LabelJob, occlusion_here, results_of
 from ..console import ProgressLine, complain, of_take, print_results
 from ..serving import load_labelling
@@ -162,7 +162,8 @@ def run(arguments) -> int:
         return _watch(arguments)
     if arguments.idle is not None:
         raise InputError("--idle is for folders that are watched; expected --watch with it")
-    with _runner(arguments) as runner:
+    # Of processes side by side one has made the folder, and others may still be in it when that one ends.
+    with none_left_empty(arguments.out), _runner(arguments) as runner:
         # Once for all takes and processes: the first may bring Blender in.
         arguments.occlusion = occlusion_here(arguments.occlusion)
         kinds = check(arguments)
