@@ -307,6 +307,8 @@ def _flush_folder(folder: Path):
 
 def _refuse(target: Path, overwrite: bool):
     there = next(filter(os.path.exists, target.parents), target.parent)
+    if os.name == "nt" and target.is_reserved():  # that of a device, such as aux.tar.c3d, which may be there or not
+        raise InputError("cannot be the name of a file (Windows reserves it); expected another name", target)
     try:
         for name in target.relative_to(there).parts:  # in a folder that is not there the system takes any
             with suppress(FileNotFoundError, NotADirectoryError):
