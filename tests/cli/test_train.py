@@ -244,6 +244,9 @@ def test_what_cannot_be_trained_or_checks_no_model_is_said_and_leaves_nothing(tr
     assert "no marker in common" in run("train", takes[0], other, "--out", out).reason
     missing = write(tmp_path / "missing.c3d", np.full((20, 10, 3), np.nan))
     assert "no point that is present in any frame" in run("train", missing, "--out", out).reason
+    line = write(tmp_path / "line.c3d", creature(1) * [1, 0, 0])
+    reason = run("train", line, "--out", out).refusal(2)
+    assert reason.startswith(f"{line}: ") and "two of three axes are zero" in reason
     words = ("train", takes[2], "--from", trained[0], "--out", out, "--check")
     assert "is learned from, so it cannot check" in run(*words, takes[2]).reason
     assert "no such file" in run(*words, tmp_path / "none.c3d").reason
