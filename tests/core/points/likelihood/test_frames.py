@@ -139,6 +139,14 @@ def test_training_says_what_is_wrong_with_takes():
         learn_likelihood([(np.random.default_rng(1).random((40, len(NAMES), 3)), "a")], NAMES)
 
 
+@pytest.mark.filterwarnings("error")
+def test_two_names_of_one_place_keep_no_distance():
+    cloud = walker(1)
+    found = learn_constraints([np.concatenate([cloud, cloud[:, :1]], axis=1)], 0.5)
+    assert (0, len(NAMES)) not in {tuple(pair) for pair in found.pair.tolist()}
+    assert (found.length > 0).all()
+
+
 def test_frames_without_points_get_no_names(likelihood):
     chunk = next(label_frames(likelihood, np.full((3, 5, 3), np.nan)))
     assert (chunk.marker == -1).all()
