@@ -207,7 +207,8 @@ def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bo
             markerset = transferred(laid.body, subjects, markers, name, laid.place)
             return _Body(markerset, markerset, f"the body of {laid.body.name}, laid into a frame")
         shown = [made for points in subjects for made in ([points] if moves(points) else bent(points))]
-        groups = segment_markerset(shown, markers, name)
+        with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # of markers that a subject lacks
+            groups = segment_markerset(shown, markers, name)
         person = person_in(subjects, markers, name, bodies) if moving else None
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
