@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .core.body.bodies import BodyModel
-from .core.data.errors import JobError
+from .core.data.errors import InputError, JobError
 from .core.data.markersets import MarkerSet
 from .core.data.progress import Progress
 from .core.data.takes import Points
@@ -39,7 +39,7 @@ def labelled_markers(points: Points) -> Points:
     """The trajectories of a take that have a name."""
     kept = [index for index, name in enumerate(points.names) if name]
     if not kept:
-        raise JobError("has no named markers; expected a labelled take")
+        raise InputError("has no named markers; expected a labelled take")
     return points.picked(kept)
 
 

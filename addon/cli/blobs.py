@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..blendfile import open_cameras, silenced
 from ..core.data.errors import InputError
+from ..core.data.wording import count_of, words_of_frames
 from ..core.pictures.spots import SpotOptions
 from ..io.cameras import calibration_files
 from ..io.whole import check_targets
@@ -90,10 +91,10 @@ def _lines(result: dict) -> list[str]:
     """What is said to people."""
     width = max(map(len, result["cameras"]))
     rows = [
-        f"{name:{width}}  {row['blobs']} blobs in {row['pictures']}, brighter than {row['threshold']:.2f}"
+        f"{name:{width}}  {count_of(row['blobs'], 'blob')} in {row['pictures']}, brighter than {row['threshold']:.2f}"
         for name, row in result["cameras"].items()
     ]
     rate = "" if result["rate"] is None else f", {result['rate']:g} frames a second (label with --rate)"
-    last = result["first_frame"] + result["frames"] - 1
-    done = f"{result['blobs']} blobs in frames {result['first_frame']} to {last}{rate}; {result['seconds']:.1f} s"
+    frames = words_of_frames(result["first_frame"], result["first_frame"] + result["frames"] - 1)
+    done = f"{count_of(result['blobs'], 'blob')} in {frames}{rate}; {result['seconds']:.1f} s"
     return [*rows, *result["notes"], *result.get("calibration", []), f"{result['out']}: {done}"]

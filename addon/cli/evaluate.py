@@ -7,6 +7,7 @@ from itertools import chain, groupby
 from pathlib import Path
 
 from ..core.data.errors import InputError
+from ..core.data.wording import count_of
 from ..core.evaluation.figures import Figures
 from ..io.labels import BLOB_KEYS, LabelFile, LabelRow
 from ..io.markersets import open_markerset
@@ -138,13 +139,13 @@ def as_result(agreement: Agreement) -> dict:
 def as_lines(agreement: Agreement) -> list[str]:
     """The figures as a short table for people."""
     figures = agreement.figures.as_dict()
-    given = f"{figures['right']} right of {figures['labels']} labels given"
+    given = f"{figures['right']:,} right of {count_of(figures['labels'], 'label')} given"
     there = f"{figures['marker_blobs']} {agreement.things} of real markers"
     lines = [
         f"precision           {percent(figures['precision'])}   {given}",
         f"recall              {percent(figures['recall'])}   of {there}",
         f"f1                  {percent(figures['f1'])}",
-        f"false assignments   {percent(figures['false_assignments'])}   {figures['wrong']} labels",
+        f"false assignments   {percent(figures['false_assignments'])}   {count_of(figures['wrong'], 'label')}",
         f"false occlusions    {percent(figures['false_occlusions'])}",
         f"perfect frames      {percent(figures['perfect_frames'])}   of {figures['frames']}",
     ]
@@ -154,7 +155,8 @@ def as_lines(agreement: Agreement) -> list[str]:
         if step
     ]
     lines += [
-        f"swapped             {' and '.join(swap['markers'])}, {swap['count']} times" for swap in figures["swaps"][:5]
+        f"swapped             {' and '.join(swap['markers'])}, {count_of(swap['count'], 'time')}"
+        for swap in figures["swaps"][:5]
     ]
     lines += [f"weakest             {row}" for row in weakest(figures["per_marker"])]
     if agreement.unknown:

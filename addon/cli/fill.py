@@ -3,8 +3,9 @@
 
 from pathlib import Path
 
+from ..core.data.wording import count_of, words_of_frames
 from ..core.filling.filling import FILL_METHODS
-from ..io.markersets import open_markerset
+from ..io.models import open_model
 from ..jobs.fill import FillJob, fill_file
 from .arguments import add_options, job_of, names, whole
 from .console import RENUMBERED, report_work
@@ -41,19 +42,23 @@ def run(arguments) -> int:
     """Fills one take."""
     job = job_of(FillJob, arguments)
     if job.model is not None:
-        open_markerset(job.model)  # a name that is none is no path of a file
+        open_model(job.model)  # a name that is none is no path of a file
     return report_work(arguments, fill_file(job), job.source.stem, _lines)
 
 
 def _lines(result: dict) -> list[str]:
     """What is said to people."""
     expected = [row["expected_mm"] for row in result["filled"] if row["expected_mm"] is not None]
-    often = f"{len(result['filled'])} of {len(result['filled']) + len(result['left'])} gaps filled"
-    samples = f"{result['samples_filled']} of {result['samples_missing']} missing samples"
+    often = f"{len(result['filled']):,} of {count_of(len(result['filled']) + len(result['left']), 'gap')} filled"
+    samples = f"{result['samples_filled']:,} of {count_of(result['samples_missing'], 'missing sample')}"
     off = f", expected error up to {max(expected):.1f} mm" if expected else ""
-    lines = [f"{result['out']}: {result['frames']} frames, {often}, {samples}{off}, {result['seconds']:.1f} s"]
+    lines = [
+        f"{result['out']}: {count_of(result['frames'], 'frame')}, {often}, {samples}{off}, {result['seconds']:.1f} s"
+    ]
     left = result["left"][:LEFT_SHOWN]
-    lines += [f"left: {row['marker']}, frames {row['first']} to {row['last']}: the gap {row['reason']}" for row in left]
+    lines += [
+        f"left: {row['marker']}, {words_of_frames(row['first'], row['last'])}: the gap {row['reason']}" for row in left
+    ]
     if len(result["left"]) > LEFT_SHOWN:
         lines.append(f"left: {len(result['left']) - LEFT_SHOWN} more, see --json")
     if result["never_seen"]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import JobError
+from ..core.data.wording import count_of
 from ..io.scratch import scratch_folder
 from ..io.streams.natnet_server import NamesServer
 from ..jobs.live import LiveJob, name_stream
@@ -74,7 +75,7 @@ def run(arguments) -> int:
         finally:
             shown.clear()
     unsent = f", {served.unsent} not sent" if served is not None else ""
-    shown.tell(f"{result['frames']} frames, {result['late']} late{unsent}", at_once=True)
+    shown.tell(f"{count_of(result['frames'], 'frame')}, {result['late']} late{unsent}", at_once=True)
     return 0
 
 

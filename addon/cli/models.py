@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
+from ..core.data.wording import count_of
 from ..io.layouts import open_layout, shipped_layouts
 from ..io.markersets import builtin_markersets, open_markerset
 from .console import print_results
@@ -61,7 +62,7 @@ def _version_lines(one: "ModelVersion") -> list[str]:
             lines.append(f"    {row.name}: {figures}")
     if one.checked:
         note = "; some were named worse, and it was adopted all the same" if one.told else ""
-        lines.append(f"    checked on {len(one.checked)} {'take' if len(one.checked) == 1 else 'takes'}{note}")
+        lines.append(f"    checked on {count_of(len(one.checked), 'take')}{note}")
     return lines
 
 
@@ -71,7 +72,7 @@ def _subjects(takes: "tuple[TaughtTake, ...]") -> list[str]:
     for take in takes:
         found.setdefault(take.subject, []).append(take)
     return [
-        f"{subject}: {', '.join(take.name for take in own)} ({sum(take.frames for take in own)} frames)"
+        f"{subject}: {', '.join(take.name for take in own)} ({count_of(sum(take.frames for take in own), 'frame')})"
         for subject, own in found.items()
     ]
 

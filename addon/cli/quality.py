@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
+from ..core.data.wording import count_of
 from ..core.placement_quality import ADVICE
 from ..core.placement_quality.judging import TURNED_ROUND
 from ..io.markersets import markerset_file
@@ -70,12 +71,12 @@ def _marker(markerset: MarkerSet, name: str, model: str) -> str:
 
 def as_lines(report: dict) -> list[str]:
     """The report for people."""
-    known = f"learned from {report['subjects']} subjects" if report["subjects"] else "drawn from its spread"
+    known = f"learned from {count_of(report['subjects'], 'subject')}" if report["subjects"] else "drawn from its spread"
     poor = [pair for pair in report["pairs"] if pair["separation"] < report["goal"]]
-    lines = [f"{report['model']}: {len(report['markers'])} markers, {known}"]
+    lines = [f"{report['model']}: {count_of(len(report['markers']), 'marker')}, {known}"]
     worst = {row["kind"]: row for row in reversed(report["whole"])}
     lines += [f"{'whole':<20}{_whole(row)}" for row in worst.values()]
-    lines.append(f"{'ambiguous':<20}{len(poor)} pairs nearer than {report['goal']:g}")
+    lines.append(f"{'ambiguous':<20}{count_of(len(poor), 'pair')} nearer than {report['goal']:g}")
     lines += [f"{' and '.join(pair['markers']):<20}{pair['separation']:.1f}, {_seen(pair)}" for pair in poor[:SHOWN]]
     for row in report["advice"]:
         gain = f"{' and '.join(row['for'])} from {row['before']:.1f} to {row['after']:.1f}"

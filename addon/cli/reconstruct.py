@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+from ..core.data.wording import count_of
 from ..jobs.job import told_by_capture
 from ..jobs.rebuild import RebuildJob, rebuild_file
 from .arguments import OWN_CAMERAS, add_options, job_of
@@ -31,11 +32,11 @@ def run(arguments) -> int:
 def _lines(result: dict) -> list[str]:
     """What is said to people."""
     frames = max(result["frames"], 1)
-    many = f"{result['points'] / frames:.1f} points a frame in {result['trajectories']} trajectories"
-    explained = f"{result['blobs_explained']} of {result['blobs']} blobs explained"
+    many = f"{result['points'] / frames:.1f} points a frame in {count_of(result['trajectories'], 'trajectory')}"
+    explained = f"{result['blobs_explained']:,} of {count_of(result['blobs'], 'blob')} explained"
     well = f"residual {result['residual_mm']:.2f} mm, noise {result['noise_px']:.2f} px"
     pace = f"{result['frames'] / max(result['seconds'], 1e-9):.0f} frames/s"
-    lines = [f"{result['out']}: {result['frames']} frames, {many}", f"{explained}, {well}, {pace}"]
+    lines = [f"{result['out']}: {count_of(result['frames'], 'frame')}, {many}", f"{explained}, {well}, {pace}"]
     if "c3d_first_frame" in result:
         lines.append(RENUMBERED)
     return [*lines, *result.get("calibration", []), *result.get("capture", [])]

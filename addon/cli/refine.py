@@ -3,6 +3,7 @@
 
 from pathlib import Path
 
+from ..core.data.wording import count_of
 from ..jobs.job import told_by_capture
 from ..jobs.refine import RefineJob, refine_file
 from .arguments import OWN_CAMERAS, add_options, job_of
@@ -37,15 +38,14 @@ def _lines(report: dict) -> list[str]:
     """What is said to people."""
     width = max(map(len, report["cameras"]))
     lines = [f"{name:{width}}  {_of_camera(row)}" for name, row in report["cameras"].items()]
-    rounds = f"{report['rounds']} round{'' if report['rounds'] == 1 else 's'}"
-    done = f"{rounds} of {report['frames_labelled']} frames, {report['seconds']:.1f} s"
+    done = f"{count_of(report['rounds'], 'round')} of {count_of(report['frames_labelled'], 'frame')}"
     last = "refined" if report["refined"] else "nothing to refine, the cameras are written as they were"
     return [
         *lines,
         *report["camera_doubts"],
         *report.get("calibration", []),
         *report.get("capture", []),
-        f"{report['out']}: {last}; {done}",
+        f"{report['out']}: {last}; {done}, {report['seconds']:.1f} s",
     ]
 
 

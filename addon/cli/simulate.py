@@ -10,6 +10,7 @@ from ..blendfile import open_cameras
 from ..core.data.errors import of_file
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Points
+from ..core.data.wording import count_of
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.simulation.simulate import CaptureOptions
 from ..io.cameras import calibration_files
@@ -95,10 +96,12 @@ def run(arguments) -> int:
     if cameras.remarks:
         result["calibration"] = list(cameras.remarks)
     way = f", {f'{len(sets)} bodies' if len(sets) > 1 else 'the body'} of {result['model']} in the way"
-    what = f"{captured.blobs} blobs of {len(markers.names)} markers in {captured.frames} frames, {len(cameras)} cameras"
+    what = f"{count_of(captured.blobs, 'blob')} of {count_of(len(markers.names), 'marker')}"
+    where = f"{count_of(captured.frames, 'frame')}, {count_of(len(cameras), 'camera')}"
+    spoilt = f"{count_of(captured.ghosts, 'ghost')}, {count_of(captured.merged, 'merged blob')}"
     lines = [
-        f"{arguments.out}: {what}{way}",
-        f"{capturing.truth_path(arguments.out)}: {captured.ghosts} ghosts, {captured.merged} merged blobs",
+        f"{arguments.out}: {what} in {where}{way}",
+        f"{capturing.truth_path(arguments.out)}: {spoilt}",
         *cameras.remarks,
         *(f"{arguments.take.name}: {note}" for note in points.notes),
     ]

@@ -10,6 +10,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import InputError, JobError, UserError
+from ..core.data.wording import count_of
 from ..core.evaluation.comparing import difference_lines
 from ..core.papers.partial_solvers.training import SEARCHES
 from ..core.points.likelihood.learn import TrialOutcome, TrialWork, in_turn, tried
@@ -177,17 +178,16 @@ def as_lines(report: dict) -> list[str]:
     frames = sum(row["frames"] for row in report["subjects"])
     seconds = sum(report["seconds"].values())
     segments = report["body"]["segments"]
-    many = len(report["subjects"])
-    counts = f"{len(report['markers'])} markers, {many} {'subject' if many == 1 else 'subjects'}, "
-    counts += f"{frames} {'frame' if frames == 1 else 'frames'}"
+    counts = f"{len(report['markers'])} markers, {count_of(len(report['subjects']), 'subject')}, "
+    counts += count_of(frames, "frame")
     former = f"; the one before is kept as {Path(report['former']).name}" if report["former"] else ""
     lines = [
         f"{report['written']}: {counts}, {seconds:.0f} s",
         f"version             {report['model_version']}, {report['model_fingerprint'][:SHOWN_DIGITS]}{former}",
-        f"body                {len(segments)} segments, {report['body']['how']}",
+        f"body                {count_of(len(segments), 'segment')}, {report['body']['how']}",
     ]
     if report["ensemble"]:
-        lines.append(f"ensemble            {report['ensemble']['partial_solvers']} partial solvers")
+        lines.append(f"ensemble            {count_of(report['ensemble']['partial_solvers'], 'partial solver')}")
     lines += [f"replaces            {row['take']} of {row['subject']} as it was" for row in report["replaced"]]
     if report["check"]:
         lines += [f"check               {line}" for line in difference_lines(report["check"])]

@@ -14,6 +14,7 @@ import unicodedata
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import filterfalse
 from pathlib import Path
 from typing import IO
 
@@ -306,6 +307,8 @@ def _flush_folder(folder: Path):
 
 def _refuse(target: Path, overwrite: bool):
     there = next(filter(os.path.exists, target.parents), target.parent)
+    if os.name == "nt" and target.is_reserved():  # that of a device, such as aux.tar.c3d, which may be there or not
+        raise InputError("cannot be the name of a file (Windows reserves it); expected another name", target)
     try:
         for name in target.relative_to(there).parts:  # in a folder that is not there the system takes any
             with suppress(FileNotFoundError, NotADirectoryError):
@@ -333,10 +336,21 @@ def _refuse(target: Path, overwrite: bool):
 
 
 @contextmanager
-def _made_folder(folder: Path) -> Iterator[None]:
-    """Makes a folder, with those above it; at the end those that were missing go where nothing is in them."""
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+def none_left_empty(folder: Path) -> Iterator[None]:
+    """Where a folder and those above it were missing, they go at the end if nothing is in them, whoever made them."""
+    missing = list(filterfalse(os.path.exists, (folder, *folder.parents)))
     try:
+        yield
+    finally:
+        with suppress(OSError):
+            for one in missing:
+                one.rmdir()
+
+
+@contextmanager
+def _made_folder(folder: Path) -> Iterator[None]:
+    """Makes a folder, with those above it."""
+    with none_left_empty(folder):
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -345,10 +359,6 @@ def _made_folder(folder: Path) -> Iterator[None]:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise InputError("is a folder that may not be written; expected a place to write", folder)
         yield
-    finally:
-        with suppress(OSError):
-            for one in missing:
-                one.rmdir()
 
 
 def _of_whom(error: OSError, place: Path, parts: Sequence[Path]) -> JobError:

@@ -71,7 +71,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         take = read_points(job.source, up=job.up, rate=job.rate)
         named = np.array([index for index, name in enumerate(take.names) if name], dtype=int)
         if not len(named):
-            raise InputError("has no marker with a name; expected a labelled take", job.source)
+            raise InputError("has no named markers; expected a labelled take", job.source)
         names = [take.names[index] for index in named]
         subjects = _subjects_of(job, names)
         wanted = FillOptions(job.method, job.max_gap, _wanted(job, names))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from ..blendfile import Chunks, inside_blender, open_cameras
 from ..core.data.errors import ForceableError, InputError
 from ..core.data.markersets import Worn
+from ..core.data.wording import count_of
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
 from ..core.geometry.force_plates import NO_LAB, LabRecords
@@ -256,8 +257,8 @@ def capture_notes(source: Path, points: bool, cameras: Cameras | None = None) ->
     notes = [f"of {source.name}, {choice}"] if choice else []
     left = [] if cameras is None else [name for name in held.calibrated if name not in cameras.names]
     if left:
-        words = "cameras that the calibration does not have are left out"
-        notes.append(f"of {source.name}, the blobs of {len(left)} {words}: {', '.join(left)}")
+        words = f"the blobs of {count_of(len(left), 'camera')} that the calibration does not have are left out"
+        notes.append(f"of {source.name}, {words}: {', '.join(left)}")
     return notes
 
 

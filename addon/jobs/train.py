@@ -14,6 +14,7 @@ from ..core.evaluation.comparing import Comparison
 from ..core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.points.likelihood.learn import Trying, in_turn
 from ..core.points.models import NO_HISTORY, Model, ModelHistory, ModelVersion, TrainingTake
+from ..core.posing.posing import POSING
 from ..core.training.described import described
 from ..core.training.described import learned as learned_from_words
 from ..core.training.laying import lying_beside
@@ -196,6 +197,9 @@ def _learned(
         # Of what was asked for, or learned before, nothing is left out.
         apart = () if job.markers or base else standing_apart(takes, markers)
         markers = tuple(name for name in markers if name not in apart)
+        if len(markers) < POSING.min_markers:
+            [why] = _not_shown(set(), set(), apart, ())
+            raise InputError(f"{why}; expected {POSING.min_markers} markers or more", takes[0].path)
         beside = () if job.markers or base else lying_beside(takes, markers, bodies)
         markers = tuple(name for name in markers if name not in beside)
     options = _options(job, base, len(markers))

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import MarkerSet
+from ..core.data.wording import count_of
 from ..core.pipelines.known_sets import WORN
 from ..core.points.possible import refuse_labelled
 from ..core.posing.posing import POSING
@@ -75,7 +76,7 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
     names = tuple(name.rpartition(":")[2] for name in whole)
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
     if filled:
-        doubts.append(f"{path.name}: {filled} samples were filled and not measured, so they are not learned")
+        doubts.append(f"{path.name}: {count_of(filled, 'sample')} filled and not measured, so not learned")
     own = own_output(path)
     if own is not None:
         xyz, doubted = looked_at(own, path, whole, xyz, points.first_frame)
@@ -175,7 +176,7 @@ def _named(points: FilePoints, own: Sequence[int]) -> tuple[tuple[str, ...], np.
         raise (
             InputError(f"has the label {doubled[0]} twice; expected every marker once")
             if doubled
-            else InputError(f"has {len(kept)} named markers; expected {POSING.min_markers} or more")
+            else InputError(f"has {count_of(len(kept), 'named marker')}; expected {POSING.min_markers} or more")
         )
     chosen = points.picked(kept)
     filled = np.isfinite(chosen.xyz[..., 0]) & (chosen.residual == 0)
@@ -237,7 +238,9 @@ def chosen_markers(
             takes[0].path,
         )
     if len(markers) < POSING.min_markers:
-        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {POSING.min_markers} or more")
+        raise InputError(
+            f"{count_of(len(markers), 'marker')} cannot be told apart; expected {POSING.min_markers} or more"
+        )
     return markers
 
 

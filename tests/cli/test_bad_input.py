@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from addon.demo.take import MODEL
 from addon.io.batch import read_table
 from addon.io.labels import LabelFile
-from addon.io.points import read_points
+from addon.io.points import read_points, write_c3d
 
 HEADER = "frame,camera,x,y\n"
 
@@ -140,6 +141,19 @@ def test_what_cannot_be_asked(run, room, tmp_path, monkeypatch, line, reason):
     assert reason in answer.refusal(2)
     assert answer.out == "" and len(answer.reason) < 400
     assert {path.name for path in tmp_path.iterdir()} == {"take.c3d", "walk.csv", "room.toml"}
+
+
+def test_a_take_without_names_is_bad_input_to_all_who_need_them(run, room, tmp_path):
+    take, made = read_points(room.c3d), tmp_path / "made"
+    write_c3d(tmp_path / "anon.c3d", replace(take, names=("",) * len(take.names)))
+    for verb, out, *more in (
+        ("fill", "a.c3d"),
+        ("train", "a.markerset.json"),
+        ("simulate", "a.csv", "--cameras", room.cameras),
+    ):
+        reason = run(verb, tmp_path / "anon.c3d", "--out", made / out, *more).refusal(2)
+        assert reason == f"{tmp_path / 'anon.c3d'}: has no named markers; expected a labelled take"
+    assert not made.exists()
 
 
 def test_a_model_of_a_later_version_a_folder_and_a_fault_of_our_own_are_said_so(run, room, tmp_path, monkeypatch):

@@ -9,12 +9,14 @@ import signal
 import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
 
 from addon import jobs
 from addon.cli import serving, workers
+from addon.cli.label import running
 from addon.demo.take import MODEL
 from addon.io import scratch, tables
 from tests.faults.__main__ import Judge
@@ -256,7 +258,24 @@ def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, 
     else:
         assert batch.stderr.read().endswith("stopped before the end; nothing half-written was left\n")
         assert not list(temporary.iterdir())
+        assert not out.exists()
     assert not any(out.glob("*"))
+
+
+def test_a_batch_that_is_stopped_leaves_no_empty_folder(label, takes, tmp_path, monkeypatch):
+    @contextmanager
+    def stopped(_arguments):
+        """Processes of which the last to end is not the one that made the folder."""
+
+        def runner(_takes):
+            (tmp_path / "out").mkdir()
+            raise KeyboardInterrupt
+
+        yield runner
+
+    monkeypatch.setattr(running, "_runner", stopped)
+    assert label(blobs=takes).status == 1
+    assert not (tmp_path / "out").exists()
 
 
 KINDS = ["kill", "full", "share"]  # each takes seconds

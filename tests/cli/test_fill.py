@@ -2,7 +2,9 @@
 """`fill` and `label --fill`: gaps are closed and told, what was measured stays, what is wrong is one sentence."""
 
 import json
+import shutil
 from dataclasses import replace
+from unittest.mock import Mock
 
 import ezc3d
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from addon.core.data.takes import Points
 from addon.demo.take import MODEL
+from addon.io import markersets
 from addon.io.points import read_points, write_c3d, write_trc
 
 from .conftest import report_of, rows_of
@@ -68,7 +71,33 @@ def test_what_was_filled_before_stays_marked_and_longer_gaps_are_left_and_told(r
     assert {take.names[column] for column in np.nonzero(take.residual == 0)[1]} == set(GAPS)
     said = run("fill", holed / "walk.c3d", "--out", tmp_path / "c.c3d", "--max-gap", 2, "--model", MODEL).out
     assert "1 of 2 gaps filled" in said
-    assert "left: LKNE, frames 105 to 108: the gap is longer than 2 frames" in said
+    assert "left: LKNE, frames 105–108: the gap is longer than 2 frames" in said
+
+
+def test_a_model_is_read_once(run, holed, tmp_path, monkeypatch):
+    model = shutil.copy(markersets.markerset_file(MODEL), tmp_path)
+    reading = Mock(wraps=markersets.read_json)
+    monkeypatch.setattr(markersets, "read_json", reading)
+    run("fill", holed / "walk.c3d", "--out", tmp_path / "full.c3d", "--model", model).done()
+    assert reading.call_count == 1
+
+
+def test_one_is_said_as_one(run, holed, room, tmp_path):
+    """Of a gap of a frame, and of a frame of one marker."""
+    one = read_points(room.c3d).picked([0])
+    xyz = one.xyz.copy()
+    xyz[5] = np.nan
+    write_c3d(tmp_path / "one.c3d", replace(one, xyz=xyz))
+    said = run("fill", tmp_path / "one.c3d", "--out", tmp_path / "full.c3d").done().out
+    assert "1 of 1 gap filled, 1 of 1 missing sample, " in said
+    words = "fill", holed / "walk.c3d", "--out", tmp_path / "left.c3d", "--max-gap", 1
+    assert "the gap is longer than 1 frame\n" in run(*words).done().out
+    write_c3d(tmp_path / "frame.c3d", replace(one, xyz=xyz[:1], residual=one.residual[:1]))
+    assert "1 frame, 0 of 0 gaps filled" in run("fill", tmp_path / "frame.c3d", "--out", tmp_path / "b.c3d").done().out
+    model = tmp_path / "me.markerset.json"
+    assert "has 1 named marker; expected 4" in run("train", tmp_path / "one.c3d", "--out", model).refusal(2)
+    words = "simulate", room.c3d, "--cameras", room.cameras, "--out", tmp_path / "one.csv", "--frames", "105:105"
+    assert " in 1 frame, 8 cameras, the body" in run(*words).done().out
 
 
 def test_bad_inputs(run, holed, tmp_path):
@@ -81,8 +110,6 @@ def test_bad_inputs(run, holed, tmp_path):
     assert refused(source, "--model", "nobody").startswith("there is no marker set nobody; expected ")
     (tmp_path / "bad.c3d").write_bytes(b"nothing")
     assert "expected a C3D file" in refused(tmp_path / "bad.c3d")
-    write_c3d(tmp_path / "anon.c3d", replace(take, names=("",) * len(take.names)))
-    assert "has no marker with a name; expected a labelled" in refused(tmp_path / "anon.c3d")
     assert "over" in run("fill", source, "--out", source, "--overwrite").reason
     write_c3d(tmp_path / "few.c3d", replace(take.picked([0, 1, 2]), names=("A", "B", "C")))
     few = refused(tmp_path / "few.c3d", "--model", MODEL)

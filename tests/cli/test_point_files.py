@@ -266,7 +266,7 @@ def test_other_cameras_overrule_its_own_and_those_that_are_not_there_are_named(r
     write_cameras(tmp_path / "fewer.toml", own.select(list(range(len(own) - 1))))
     words = ("--model", MODEL, "--out", tmp_path, "--frames", f"{FRAMES[0]}:{FRAMES[0] + 3}")
     said = run("label", capture, "--cameras", tmp_path / "fewer.toml", *words).done().out
-    assert f"cameras that the calibration does not have are left out: {own.names[-1]}" in said
+    assert f"the blobs of 1 camera that the calibration does not have are left out: {own.names[-1]}" in said
     assert own.names[-1] not in {row["camera"] for row in rows_of(tmp_path / "walk.labels.csv")}
     write_cameras(tmp_path / "others.toml", replace(own, names=tuple(f"c{name}" for name in own.names)))
     answer = run("label", capture, "--cameras", tmp_path / "others.toml", *words, "--overwrite")

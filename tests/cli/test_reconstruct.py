@@ -152,8 +152,8 @@ def test_what_cannot_be_done(refine, room, tmp_path):
     assert refine("--frames", "500:600", out="a.toml").reason.startswith(none)
     early = "has no blobs in frames :7; expected some of its own, 100 and later"
     assert refine("--frames", ":7", out="a.toml").reason.endswith(early)
-    few = "named markers are seen by three cameras at a time; expected 100 or more, so a longer take"
-    assert few in refine("--frames", "100:101", out="a.toml").reason
+    few = f"{room.blobs}: three cameras see 26 named markers at a time; expected 100 or more, so a longer take"
+    assert refine("--frames", "100:101", out="a.toml").reason.startswith(few)
     true, other, some = read_cameras(room.cameras), tmp_path / "other.toml", tmp_path / "some.csv"
     exchanged = replace(true.select([0, 3, 2, 1, *range(4, len(true))]), names=true.names)
     for cameras, words in (

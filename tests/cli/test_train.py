@@ -167,6 +167,13 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     assert "no take has a marker BODY9" in run(*words, "--overwrite", "--markers", f"{fewer},BODY9").reason
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_take_may_lack_markers_of_the_model_that_is_trained_on(trained, run, tmp_path):
+    lacking = write(tmp_path / "c3" / "few.c3d", creature(3)[:, :8], NAMES[:8])
+    words = "--from", trained[0], "--out", tmp_path / "more.markerset.json", "--search", "none", "--json"
+    assert run("train", lacking, *words).quiet().json["markers"] == list(NAMES)
+
+
 def test_what_is_named_worse_waits_until_it_is_adopted(trained, takes, run, tmp_path):
     """Somebody teaches a creature whose names are a place too far; another one is kept to check the model on."""
     model, kept = tmp_path / "lab" / "lab.markerset.json", write(tmp_path / "kept.c3d", creature(5))
@@ -244,6 +251,9 @@ def test_what_cannot_be_trained_or_checks_no_model_is_said_and_leaves_nothing(tr
     assert "no marker in common" in run("train", takes[0], other, "--out", out).reason
     missing = write(tmp_path / "missing.c3d", np.full((20, 10, 3), np.nan))
     assert "no point that is present in any frame" in run("train", missing, "--out", out).reason
+    line = write(tmp_path / "line.c3d", creature(1) * [1, 0, 0])
+    reason = run("train", line, "--out", out).refusal(2)
+    assert reason.startswith(f"{line}: ") and "two of three axes are zero" in reason
     words = ("train", takes[2], "--from", trained[0], "--out", out, "--check")
     assert "is learned from, so it cannot check" in run(*words, takes[2]).reason
     assert "no such file" in run(*words, tmp_path / "none.c3d").reason

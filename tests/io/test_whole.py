@@ -126,6 +126,13 @@ def test_a_name_too_long_is_refused_and_one_that_just_fits_is_taken(tmp_path):
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.skipif(os.name != "nt", reason="other systems reserve no names")
+@pytest.mark.parametrize("name", ["aux.c3d", "aux.tar.c3d", "con.c3d", "lpt1.tar.c3d", "new/aux.c3d", "new/nul"])
+def test_the_name_of_a_device_is_refused(tmp_path, name):
+    refused("cannot be the name of a file", tmp_path / name)
+    refused("cannot be the name of a file", tmp_path / name, overwrite=True)
+
+
 @pytest.mark.skipif(os.name != "nt", reason="other systems replace files that are open")
 def test_where_a_program_has_one_of_the_files_open_none_is_replaced(tmp_path):
     targets = [tmp_path / "a.csv", tmp_path / "b.csv"]

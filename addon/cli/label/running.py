@@ -12,10 +12,11 @@ from typing import TypeVar
 from ... import jobs
 from ...blendfile import open_cameras
 from ...core.data.errors import InputError, UserError
+from ...core.data.wording import count_of
 from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
 from ...io.provenance import INSTEAD, REPORT
 from ...io.scratch import take_away_scratch
-from ...io.whole import finish_renaming
+from ...io.whole import finish_renaming, none_left_empty
 from ...jobs.job import LabelJob, occlusion_here, results_of
 from ..console import ProgressLine, complain, of_take, print_results
 from ..serving import load_labelling
@@ -33,23 +34,21 @@ from .options import (
 
 def as_line(report: dict) -> str:
     """One take's result as a line for people."""
-    things = "points" if "points" in report else "blobs"
-    count, named = report[things], report[things] - report["unlabelled"]
+    thing = "point" if "points" in report else "blob"
+    count, named = report[f"{thing}s"], report[f"{thing}s"] - report["unlabelled"]
     speed = report["timing"]["frames_per_second"]
     pace = "" if speed is None else f", {speed:.0f} frames/s"
     if "edits" in report:
-        applied = sum(report["edits"]["applied"].values())
-        pace += f", {applied} edit{'' if applied == 1 else 's'} applied"
+        pace += f", {count_of(sum(report['edits']['applied'].values()), 'edit')} applied"
     unit = f", no known unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     if "filled" in report:
-        pace += f", {len(report['filled'])} of {len(report['filled']) + len(report['left'])} gaps filled"
+        pace += f", {len(report['filled']):,} of {count_of(len(report['filled']) + len(report['left']), 'gap')} filled"
     first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
-    frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
-    more = "".join(f"; {words}" for words in _remarks(report))
+    frames, more = count_of(report["frames"], "frame"), "".join(f"; {words}" for words in _remarks(report))
     if report.get("changed_in_all"):
         pace += f", compared with before {report['changed_in_all']}"
     look = f"; {report['to_look_at']}" if report.get("to_look_at") else ""
-    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}{look}"
+    return f"{report['take']}: {frames}, {named:,} of {count_of(count, thing)} named{pace}{unit}{first}{more}{look}"
 
 
 def doubts_in(report: dict) -> list[str]:
@@ -163,7 +162,8 @@ def run(arguments) -> int:
         return _watch(arguments)
     if arguments.idle is not None:
         raise InputError("--idle is for folders that are watched; expected --watch with it")
-    with _runner(arguments) as runner:
+    # Of processes side by side one has made the folder, and others may still be in it when that one ends.
+    with none_left_empty(arguments.out), _runner(arguments) as runner:
         # Once for all takes and processes: the first may bring Blender in.
         arguments.occlusion = occlusion_here(arguments.occlusion)
         kinds = check(arguments)
@@ -235,7 +235,7 @@ def _answers(batch: Batch, runner: Runner | None) -> Iterator[tuple[Path, Answer
     if left and runner is not None:
         with closing(runner(left)) as answers:
             for done, (number, answer) in enumerate(answers, 1):
-                batch.progress.tell(f"{done} of {len(left)} takes", at_once=True)
+                batch.progress.tell(f"{done} of {count_of(len(left), 'take')}", at_once=True)
                 yield batch.settled(left[number], answer)
     elif left:
         yield from _in_turn(batch, left)

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from ..data.errors import JobError
 from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk
+from ..data.wording import count_of
 from ..geometry.cameras import Cameras
 from ..pipelines.blobs import BlobOptions, label_blobs
 from ..points.models import Model
@@ -145,7 +146,7 @@ def _seen(parts: Sequence[Blobs], labelled: Sequence[LabelledChunk], cameras: Ca
     found = Sightings.of(pairs[first::2] or pairs, cameras)
     if found.count < CAMERA_HEALTH.enough:
         raise JobError(
-            f"only {found.count} named markers are seen by three cameras at a time; expected {CAMERA_HEALTH.enough} or "
+            f"three cameras see {count_of(found.count, 'named marker')} at a time; expected {CAMERA_HEALTH.enough} or "
             "more, so a longer take, or more cameras that look at the same place"
         )
     return found

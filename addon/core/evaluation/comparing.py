@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.wording import count_of
 from ..points.models import CheckedTake
 from .relabelling import NameCounts
 
@@ -144,8 +145,7 @@ def difference_lines(check: dict) -> list[str]:
     """A comparison, as `as_dict` has it, for people: all takes, then each that changed, with its markers."""
     lines = []
     if check["all"] is not None:
-        count = len(check["takes"])
-        lines.append(f"{count} {'take' if count == 1 else 'takes'} labelled again: {_words(check['all'])}")
+        lines.append(f"{count_of(len(check['takes']), 'take')} labelled again: {_words(check['all'])}")
     lines += [
         f"{take['take']} ({take['names']}): {_words(take)}{_marker_words(take['markers_worse'])}"
         for take in check["takes"]

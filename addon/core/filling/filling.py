@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
 from ..data.takes import evenly_spread
+from ..data.wording import count_of
 from . import plain
 from .gaps import Gap, KnownMarkers, find_gaps, find_strays
 from .kept import KeptFill
@@ -185,7 +186,7 @@ class _Filler:
     def fill(self, gap: Gap):
         """Fills a gap, or notes why it is left."""
         if self.options.max_gap is not None and len(gap) > self.options.max_gap:
-            reason = f"is longer than {self.options.max_gap} frames"
+            reason = f"is longer than {count_of(self.options.max_gap, 'frame')}"
         else:
             reason = self._beyond_reach(gap) or self._fill_in_turn(gap)
         if reason:
@@ -221,7 +222,8 @@ class _Filler:
                 )
         if gap.stop < len(path) and self.jumps[gap.stop, gap.marker] and gap.start > 0:
             off = np.linalg.norm(path[gap.stop] - path[gap.start - 1])
-            return f"has ends {off:.2f} m apart, too far for its {len(gap)} frames: one of them is named wrongly"
+            room = count_of(len(gap), "frame")
+            return f"has ends {off:.2f} m apart, too far for its {room}: one of them is named wrongly"
         return ""
 
     def _paths(self, gap: Gap, own: np.ndarray) -> Iterator[tuple[str, np.ndarray, float]]:
@@ -250,9 +252,11 @@ class _Filler:
     def _error_of(self, method: str, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> float:
         """m, mean error of a method on gaps cut where it and neighbours are known; NaN where there is room for none."""
         there = own & np.isfinite(self.take.xyz[:, neighbours, 0]).all(axis=1)
-        total = np.r_[0, np.cumsum(there)]
-        for length in (len(gap), max(len(gap) // 2, 1)):
-            starts = np.flatnonzero(total[length + 2 :] - total[: -length - 2] == length + 2) + 1
+        total, half = np.r_[0, np.cumsum(there)], max(len(gap) // 2, 1)
+        # Where the marker is never there for so long: one of its samples with the gaps at both sides of it.
+        for length, least in ((len(gap), len(gap)), (half, half), (2 * len(gap) + 1, 1)):
+            inside = total[length + 1 : -1] - total[1 : -length - 1]
+            starts = np.flatnonzero(there[: -length - 1] & there[length + 1 :] & (inside >= least)) + 1
             errors = []
             for start in starts[evenly_spread(len(starts), TRIALS)].tolist():
                 trial, hidden = Gap(start, start + length, gap.marker), own.copy()
@@ -260,8 +264,9 @@ class _Filler:
                 hidden[start - (gap.start == 0) : start + length + (gap.stop == len(own))] = False
                 path = self._carried(method, trial, neighbours, hidden)
                 if path is not None:
-                    truth = self.take.xyz[trial.start : trial.stop, gap.marker]
-                    errors.append(float(np.linalg.norm(path - truth, axis=1).mean()))
+                    known = np.flatnonzero(own[trial.start : trial.stop])
+                    truth = self.take.xyz[trial.start + known, gap.marker]
+                    errors.append(float(np.linalg.norm(path[known] - truth, axis=1).mean()))
             if errors:
                 return float(np.mean(errors))
         return np.nan

@@ -21,6 +21,7 @@ from ..body.prior import Prior
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
+from ..data.wording import count_of
 from ..papers.partial_solvers.boosting import Boosting
 from ..papers.partial_solvers.model import FUNCTIONS, PartialSolvers
 from ..papers.partial_solvers.training import Training, training
@@ -206,14 +207,16 @@ def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bo
             markerset = transferred(laid.body, subjects, markers, name, laid.place)
             return _Body(markerset, markerset, f"the body of {laid.body.name}, laid into a frame")
         shown = [made for points in subjects for made in ([points] if moves(points) else bent(points))]
-        groups = segment_markerset(shown, markers, name)
+        with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # of markers that a subject lacks
+            groups = segment_markerset(shown, markers, name)
         person = person_in(subjects, markers, name, bodies) if moving else None
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
     if person is not None:
         markerset, known_name = person
         return _Body(markerset, groups, f"the body of {known_name}, by how the markers move")
-    doubt = f"no person's body was found in how the markers move: the figure is {len(groups.skeleton)} groups of them"
+    figure = count_of(len(groups.skeleton), "group")
+    doubt = f"no person's body was found in how the markers move: the figure is {figure} of them"
     return _Body(groups, groups, "found from how the markers move", (doubt,))
 
 

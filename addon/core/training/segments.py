@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
+from ..data.wording import count_of
 from ..geometry import rotations
 from ..geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, mean_form
 from ..points.likelihood.learn import LEARN
@@ -65,7 +66,7 @@ def segment_markerset(subjects: Sequence[np.ndarray], markers: Sequence[str], na
     mean, covariance = _bends(found)
     return MarkerSet(
         name=name,
-        description=f"{len(markers)} markers on {len(found.members)} segments found from how they move",
+        description=f"{len(markers)} markers on {count_of(len(found.members), 'segment')} found from how they move",
         markers=tuple(markers),
         aliases={},
         skeleton=Skeleton(_names(found, markers), found.parents, joints - above),

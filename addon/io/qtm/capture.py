@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
+from ...core.data.wording import count_of
 from ...core.geometry.cameras import Cameras
 from ..cameras import MAX_CAMERA_NUMBER, SUBPIXELS, RigCamera, refuse_crowd, rig
 from ..world import z_up
@@ -214,7 +215,7 @@ def read_qtm_cameras(path: Path, up: str = "") -> Cameras:
         words = f"has no calibrated cameras ({', '.join(left[:3]) or 'it has none at all'})"
         raise InputError(f"{words}; expected a calibration, such as --cameras says", path)
     cameras = z_up(rig([one.calibration for one in usable if one.calibration is not None], path), up)
-    remark = f"of {Path(path).name}, {len(left)} cameras are left out: {', '.join(left)}"
+    remark = f"{count_of(len(left), 'camera')} of {Path(path).name} left out: {', '.join(left)}"
     return replace(cameras, remarks=(*cameras.remarks, remark)) if left else cameras
 
 
@@ -261,9 +262,9 @@ class CaptureHolds:
         """
         if not self.cameras or not self.labelled + self.unlabelled:
             return ""
-        points = f"its 3D points ({self.labelled} trajectories with a label, {self.unlabelled} without)"
+        points = f"its 3D points ({count_of(self.labelled, 'trajectory')} with a label, {self.unlabelled} without)"
         used = self.calibrated if cameras is None else set(self.cameras) & set(cameras)
-        blobs = f"its blobs ({len(used) if choice == USE_BLOBS else len(self.cameras)} cameras)"
+        blobs = f"its blobs ({count_of(len(used if choice == USE_BLOBS else self.cameras), 'camera')})"
         taken, other = (blobs, points) if choice == USE_BLOBS else (points, blobs)
         return f"{taken} are taken, not {other}"
 

@@ -136,6 +136,19 @@ def test_gaps_of_others_do_not_mislead_and_a_spline_bridges_where_nothing_else_i
     assert off(found, chain, 0, 100, 104) < 0.001
 
 
+@pytest.mark.parametrize("every", [2, 4])
+def test_markers_that_are_there_in_some_frames_alone_are_filled_between_these(chain, every):
+    pair = chain[:, :2]
+    cut = np.where((np.arange(FRAMES) % every == 0)[:, None, None], pair, np.nan)
+    found = filled(cut)
+    assert {(one.method, *one.ends) for one in found.gaps} == {("spline", True, True)}
+    assert {one.gap.stop for one in found.left} == {FRAMES}
+    last = found.left[0].gap.start
+    assert found.filled[:last].sum() == np.isnan(cut[:last, :, 0]).sum()
+    errors = np.linalg.norm(found.xyz - pair, axis=2)[found.filled]
+    assert errors.mean() < np.mean([one.expected for one in found.gaps]) < 0.01
+
+
 def test_a_gap_whose_error_would_be_large_is_left_and_what_stands_still_is_filled_where_it_is(chain):
     left = filled(holed(chain[:, :1], (0, 100, 220)), max_off_m=0.01)
     assert not left.gaps

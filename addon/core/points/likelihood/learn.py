@@ -15,6 +15,7 @@ from ...body.sides import MIRROR, mirror_order
 from ...data.errors import InputError
 from ...data.physical import MARKER_LIMITS, SIGMAS
 from ...data.progress import finished
+from ...data.wording import count_of
 from ...geometry.upright import upright_aligned
 from ...posing.posing import POSING
 from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
@@ -178,7 +179,9 @@ def learning(
 def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     """All usable frames of every subject."""
     if len(markers) < POSING.min_markers:
-        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {POSING.min_markers} or more")
+        raise InputError(
+            f"{count_of(len(markers), 'marker')} cannot be told apart; expected {POSING.min_markers} or more"
+        )
     gathered: dict[str, list[np.ndarray]] = {}
     for points, subject in takes:
         if points.ndim != 3 or points.shape[1:] != (len(markers), 3):
@@ -191,7 +194,8 @@ def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
         raise InputError("no frame shows half of the markers together; expected labelled takes of this marker set")
     frames = sum(map(len, subjects.values()))
     if frames < LEARN.min_frames:
-        raise InputError(f"only {frames} frames show half of the markers together; expected {LEARN.min_frames} or more")
+        words = f"half of the markers are together in {count_of(frames, 'frame')} only"
+        raise InputError(f"{words}; expected {LEARN.min_frames} or more")
     everything = np.concatenate([np.isfinite(points[..., 0]).any(axis=0)[None] for points in subjects.values()])
     unseen = [name for name, seen in zip(markers, everything.any(axis=0), strict=True) if not seen]
     if unseen:

@@ -137,10 +137,18 @@ def test_training_says_what_is_wrong_with_takes():
         learn_likelihood([(gone, "a")], NAMES)
     with pytest.raises(InputError, match="no frame shows half"):
         learn_likelihood([(np.full((5, len(NAMES), 3), np.nan), "a")], NAMES)
-    with pytest.raises(InputError, match="too few"):
+    with pytest.raises(InputError, match="3 markers cannot be told apart"):
         learn_likelihood([(np.zeros((5, 3, 3)), "a")], NAMES[:3])
     with pytest.raises(InputError, match="no two markers keep their distance"):
         learn_likelihood([(np.random.default_rng(1).random((40, len(NAMES), 3)), "a")], NAMES)
+
+
+@pytest.mark.filterwarnings("error")
+def test_two_names_of_one_place_keep_no_distance():
+    cloud = walker(1)
+    found = learn_constraints([np.concatenate([cloud, cloud[:, :1]], axis=1)], 0.5)
+    assert (0, len(NAMES)) not in {tuple(pair) for pair in found.pair.tolist()}
+    assert (found.length > 0).all()
 
 
 def test_frames_without_points_get_no_names(likelihood):
