@@ -194,7 +194,7 @@ def _feet_on_ground(
     along /= np.linalg.norm(along, axis=2, keepdims=True)
     aside = np.cross(along, -rotations.carried(turn, parts[:, 0])), np.cross(along, goal[:, :, 2] - goal[:, :, 0])
     roll = np.arctan2((np.cross(*aside) * along).sum(axis=2), (aside[0] * aside[1]).sum(axis=2))
-    turn = rotations.exponential(along * roll[..., None])[0] @ turn
+    turn = rotations.turn_of(along * roll[..., None]) @ turn
     share = ((held + 1e-3) / (1 + 1e-3 - held))[..., :2]  # what is planted is where it should be, what fades follows
     share = share / share.sum(axis=2, keepdims=True)
     ankle = np.einsum("fsp,fspi->fsi", share, (goal - rotations.carried(turn[:, :, None], parts))[:, :, :2])
@@ -220,7 +220,7 @@ def toes_bent(
     clear = np.where(room < reach, level - np.arcsin(np.clip(room / reach, 0, 1)), bent)
     on_sole = np.clip(1 + 2 * upright, 0, 1)  # one on its back does not stand on its sole
     need = np.maximum(np.maximum(held * (level - bent), clear - bent), 0)
-    return rotations.exponential(axis * np.clip(bent + on_sole * need, *ON_GROUND.bent_rad)[..., None])[0]
+    return rotations.turn_of(axis * np.clip(bent + on_sole * need, *ON_GROUND.bent_rad)[..., None])
 
 
 def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int) -> np.ndarray:
@@ -232,7 +232,7 @@ def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int)
     lack = _envelope(np.where(near, np.minimum(need, ON_GROUND.tilt_rad), 0.0), fade)
     # A foot that stands on its tip has no direction: the less level, the less it is turned.
     axis = np.stack([way[..., 1], -way[..., 0], np.zeros_like(level)], axis=2) / np.maximum(level, long / 2)[..., None]
-    return rotations.exponential(axis * lack[..., None])[0] @ turn
+    return rotations.turn_of(axis * lack[..., None]) @ turn
 
 
 def _carrying(slow: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -281,15 +281,15 @@ def _held_in_place(
 
 def _plants(path: np.ndarray, slow: np.ndarray, tilt: np.ndarray, least: int, fade: int) -> list[Plant]:
     """Where a part of a foot on a path (F, 3) m is planted; it may rise by as much as `tilt` (F,) m does."""
-    found, left = [], runs(slow, fade)
+    found, left, both = [], runs(slow, fade), np.column_stack([path, tilt])
     while left:
         start, stop = left.pop()
         if stop - start <= least:
             continue
-        here = path[start:stop]
-        place = np.median(here[np.isfinite(here).all(axis=1)], axis=0)  # nanmedian takes five times as long
-        off = np.nan_to_num(path[start:stop] - place)
-        more = np.nan_to_num(tilt[start:stop] - np.nanmedian(tilt[start:stop]))
+        here = both[start:stop]
+        middle = np.median(here[np.isfinite(here).all(axis=1)], axis=0)  # nanmedian takes five times as long
+        off, place = np.nan_to_num(here - middle), middle[:3]
+        off, more = off[:, :3], off[:, 3]
         off[:, 2] -= np.clip(off[:, 2], np.minimum(more, 0), np.maximum(more, 0))
         if np.linalg.norm(off, axis=1).max() <= ON_GROUND.reach_m:
             found.append((start, stop, place))
