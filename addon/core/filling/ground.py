@@ -368,5 +368,5 @@ def _knees(
     sideways *= np.minimum(1.0, np.sqrt(room) / np.maximum(np.linalg.norm(sideways, axis=2), 1e-9))[..., None]
     ahead = np.sqrt(np.maximum(room - (sideways**2).sum(axis=2), 0.0))
     # One that was bent backwards gives way first, by a millimetre or two of its leg's length.
-    ahead = np.where(before < 0, np.maximum(ahead + 2 * before, before), ahead)
+    ahead = np.where(before < 0, np.maximum(ahead + 2 * before, -ahead), ahead)
     return hip + along[..., None] * way + sideways + ahead[..., None] * forward

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.filling.ground import settled
+from addon.core.filling.ground import _knees, settled
 from addon.core.geometry import rotations
 
 RATE = 100.0
@@ -161,6 +161,16 @@ def test_a_foot_that_is_held_up_a_floor_elsewhere_and_a_world_on_its_side():
     flat = about_y(np.array(np.pi / 2))
     now, after = settled(joints @ flat.T, flat @ turned, SEGMENTS, PARENTS, ENDS, RATE)
     assert np.abs(now - joints @ flat.T).max() < 0.04
+
+
+def test_a_knee_that_is_bent_backwards_straightens_where_its_foot_goes_farther():
+    lower = np.linspace(0, 0.002, 20)
+    hip, knee = np.zeros((20, 1, 3)), np.tile([-0.03, 0.0, -0.4], (20, 1, 1))
+    ankle = np.stack([0 * lower, 0 * lower, -0.8 - lower], axis=1)[:, None]
+    length = np.linalg.norm(knee[0], axis=1)
+    bent = _knees(hip, knee, ankle, np.tile([1.0, 0, 0], (20, 1, 1)), length, length, 2 * length)
+    np.testing.assert_allclose(np.linalg.norm([bent, ankle - bent], axis=3), length[0], atol=1e-9)
+    assert bent[0, 0, 0] == pytest.approx(-0.03) and (np.diff(bent[:, 0, 0]) > 0).all()
 
 
 def test_frames_without_a_body_stay_without_one_and_who_has_no_legs_as_they_are():
