@@ -137,18 +137,21 @@ def _calmed(rotated: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
 
 def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
     """A smooth curve, nowhere below values (F, S) or 0, that comes and goes within so many frames; NaN counts as 0."""
-    from scipy.ndimage import maximum_filter1d
-
     half = max(frames // 2, 1)
-    return eased(maximum_filter1d(np.maximum(np.nan_to_num(values), 0.0), 4 * half + 1, axis=0), half)
+    most, size = np.pad(np.maximum(np.nan_to_num(values), 0.0), ((2 * half, 2 * half), (0, 0))), 1
+    while size <= 4 * half:  # the most of so many frames
+        step = min(size, 4 * half + 1 - size)
+        most, size = np.maximum(most[:-step], most[step:]), size + step
+    return eased(most, half)
 
 
 def eased(values: np.ndarray, half: int) -> np.ndarray:
     """Values (F, ...) as a smooth curve: the mean of so many frames to either side, and that of those means."""
-    from scipy.ndimage import uniform_filter1d
-
-    for _ in range(2):
-        values = uniform_filter1d(values, 2 * half + 1, axis=0, mode="nearest")
+    whole = 2 * half + 1
+    for _ in range(2):  # SciPy's filters take 0.3 s to import, for which a window waits
+        around = np.repeat(values[:1], half + 1, axis=0), values, np.repeat(values[-1:], half, axis=0)
+        sums = np.cumsum(np.concatenate(around), axis=0)
+        values = (sums[whole:] - sums[:-whole]) / whole
     return values
 
 

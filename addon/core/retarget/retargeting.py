@@ -452,18 +452,17 @@ def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float, found: np.ndarra
 
     Not in gaps, where it was not `found` (F,); short ones are none.
     """
-    from scipy.ndimage import binary_closing, binary_opening
-
     lag = max(int(rate * ON_GROUND.span_s / 2), 1)
-    kept, wide = np.ones(2 * lag + 1, bool), 2 * lag
+    wide = 2 * lag
     low, planted = lowest < np.percentile(lowest[found], 5) + ON_GROUND.low_m, np.zeros(len(found), bool)
     for start, stop in runs(found, wide + 1):
         frames = np.arange(start, stop)
         ahead, behind = (ball[np.clip(frames + step, start, stop - 1)] for step in (lag, -lag))
-        slow = np.linalg.norm(ahead - behind, axis=1) < ON_GROUND.slow_m_s * 2 * lag / rate
-        # As it is at its ends, so it is before and after.
-        still = np.pad(slow & low[start:stop], wide, "edge")
-        planted[start:stop] = binary_opening(binary_closing(still, kept), kept)[wide:-wide]
+        slow = np.linalg.norm(ahead - behind, axis=1) < ON_GROUND.slow_m_s * wide / rate
+        still = np.pad(slow & low[start:stop], lag, "edge")  # as it is at its ends, so it is before and after
+        for begin, end in runs(still, wide + 1):
+            still[begin:end] = end - begin > wide
+        planted[start:stop] = still[lag:-lag]
     return planted
 
 

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Feet of a posed body on the ground, on a walk whose floor and plants are known."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -187,6 +190,17 @@ def test_frames_without_a_body_stay_without_one_and_who_has_no_legs_as_they_are(
     assert after is turned
     nobody = np.full_like(joints, np.nan)
     assert settled(nobody, turned, SEGMENTS, PARENTS, ENDS, RATE)[0] is nobody
+
+
+def test_a_body_is_settled_and_retargeted_without_scipy_for_whose_import_a_window_would_wait():
+    code = (
+        "from addon.core.retarget.retargeting import _planted; from tests.core.filling.test_ground import *; "
+        "joints, turned, *_ = wavering(); settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE); "
+        "_planted(joints[:, 0], joints[:, 0, 2], RATE, np.ones(len(joints), bool)); "
+        "print([name for name in sys.modules if name.startswith('scipy')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_smoothing_takes_shaking_out_of_the_body_and_leaves_its_lengths():
