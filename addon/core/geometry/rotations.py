@@ -127,14 +127,14 @@ def matrix_to_quaternion(matrix: np.ndarray) -> np.ndarray:
     Every column of the sixteen products of a quaternion's parts is the quaternion times one part; the longest column
     is the surest (Bar-Itzhack 2000, for exact rotations).
     """
-    products = _parts_of(matrix)
+    products = (matrix.reshape(*matrix.shape[:-2], 9) @ PARTS_TABLE + PARTS_OF_NONE).reshape(*matrix.shape[:-2], 4, 4)
     longest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
     column = np.take_along_axis(products, longest[..., None, None], axis=-1)[..., 0]
     return column / np.linalg.norm(column, axis=-1, keepdims=True)
 
 
 def _parts_of(matrix: np.ndarray) -> np.ndarray:
-    """(..., 4, 4) products of the parts of the quaternion, times four."""
+    """(..., 4, 4) products of the parts of the quaternion, times four, which are linear in the matrix."""
     products = np.empty((*matrix.shape[:-2], 4, 4))
     trace = np.trace(matrix, axis1=-2, axis2=-1)
     products[..., 0, 0] = 1 + trace
@@ -144,6 +144,11 @@ def _parts_of(matrix: np.ndarray) -> np.ndarray:
         turn = matrix[..., last, following] - matrix[..., following, last]
         products[..., 0, axis + 1] = products[..., axis + 1, 0] = turn
     return products
+
+
+# (16,) and (9, 16), by which the nine numbers of a rotation become these products at once.
+PARTS_OF_NONE = _parts_of(np.zeros((3, 3))).ravel()
+PARTS_TABLE = _parts_of(np.eye(9).reshape(9, 3, 3)).reshape(9, 16) - PARTS_OF_NONE
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
