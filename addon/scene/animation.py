@@ -87,7 +87,9 @@ def key(
     """Keys the property at `path` with `values` (F, n) at Blender's `frames` (F,); rows with NaN stay unkeyed.
 
     Where `generated` (F,) is True, the keys are of the type that Blender has for what a tool made up.
-    Channels that are there are empty, or have as many straight keys; without a row to key they go.
+    Channels that are there are empty, or have as many straight keys; without a row to key they go. The keys' handles,
+    of which straight lines make nothing, stay until Blender sets them, as it does for who makes curves of the lines:
+    `update`, which would, takes twice as long as all the rest.
     """
     there = np.isfinite(values).all(axis=1)
     if not there.any():
@@ -112,7 +114,6 @@ def key(
             curve.keyframe_points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))
             if kinds.any():
                 curve.keyframe_points.foreach_set("type", kinds)
-            curve.update()
         note_keys(bag, curve, points)
 
 
@@ -143,8 +144,6 @@ def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before:
     retyped = bool(kinds.any() or were.any()) and not np.array_equal(kinds, were)
     rows = np.flatnonzero(((was_at != now_at) & now[:, None]).any(axis=1))
     few = len(rows) <= MOST_SINGLE and bool((was == now).all())
-    # The keys' handles, of which straight lines make nothing, stay until Blender sets them: `update`, which would,
-    # takes twice as long as all the rest.
     places = np.empty((int(now.sum()), 2), np.float32)
     places[:, 0] = frames[now]
     single = (np.cumsum(now)[rows] - 1).tolist() if few else [0]

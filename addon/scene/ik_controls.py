@@ -49,7 +49,7 @@ class Along:
         )
         yield self.bone, "location", (back @ (goal - by)[..., None])[..., 0] @ np.linalg.inv(self.steps)
         if len(self.limb) == 1:
-            yield self.bone, *rotation_channel(self.mode, own.T @ unturned @ turns[:, self.limb[0]] @ own)
+            yield self.bone, *rotation_channel(self.mode, own.T @ (unturned @ turns[:, self.limb[0]]) @ own)
 
 
 def controls_by_ik(rig: bpy.types.Object, bones: list[tuple[str, str]]) -> list[tuple[str, tuple[int, ...]]]:

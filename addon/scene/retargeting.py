@@ -375,25 +375,27 @@ class ReadyRig:
     def channels(self, turns: np.ndarray, hips: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
         """The bones with the channels that move them, (F, …), by what `retarget` says."""
         unit = np.linalg.norm(self.place[:3, :3], axis=0).mean()
-        asked = range(len(self.bones) if self.along else 1)
-        heads = np.stack([place_of(self.rest, turns, hips, at) for at in asked], axis=1)
-        # In the armature's own axes, and in memory bone by bone, as it is used.
-        turns = ((self.place[:3, :3] / unit).T @ turns.swapaxes(0, 1) @ self.axes.T).swapaxes(0, 1)
-        heads = (heads - self.place[:3, 3]) @ np.linalg.inv(self.place[:3, :3]).T
-        yield self.mover, "location", (heads[:, 0] - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
+        # To the armature's own axes and unit, and from its axes to the character's.
+        back, smaller, to_axes = (self.place[:3, :3] / unit).T, np.linalg.inv(self.place[:3, :3]).T, self.axes.T
+        head = (hips - self.place[:3, 3]) @ smaller
+        yield self.mover, "location", (head - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
         going = {one.bone for one in self.along}
         for index, bone in enumerate(self.bones):
             if bone in going:
                 continue
             above, own = self.turners[index], self.matrices[index, :3, :3]
-            carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
-            yield bone, *rotation_channel(self.modes[bone], carried @ turns[:, index] @ own)
+            carried = own.T @ back if above < 0 else (turns[:, above] @ (to_axes @ own)).swapaxes(1, 2)
+            yield bone, *rotation_channel(self.modes[bone], carried @ (turns[:, index] @ (to_axes @ own)))
         for bone in self.resting:
             yield bone, *rotation_channel(self.modes[bone], np.tile(np.eye(3), (len(hips), 1, 1)))
         for bone in (*self.resting, *(self.bones if self.before.strips else ())):
             if bone not in going | {self.mover}:
                 yield bone, "location", np.zeros((len(hips), 3))
             yield bone, "scale", np.ones((len(hips), 3))
+        if self.along:
+            heads = np.stack([place_of(self.rest, turns, hips, at) for at in range(len(self.bones))], axis=1)
+            heads = (heads - self.place[:3, 3]) @ smaller
+            turns = (back @ turns.swapaxes(0, 1) @ np.linalg.inv(self.axes)).swapaxes(0, 1)
         for control in self.along:
             yield from control.channels(heads, turns, self.matrices[:, :3, 3])
 

@@ -23,7 +23,7 @@ from .retargeting import (
     retarget_take,
 )
 from .stored import Stored, alone
-from .take import is_take
+from .take import is_linked, is_take
 
 
 def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object, ours: bool = False) -> bpy.types.Action:
@@ -114,8 +114,12 @@ def discard(context: bpy.types.Context, rig: bpy.types.Object):
 
 
 def leave_take(context: bpy.types.Context, take: bpy.types.Collection):
-    """Discards the previews of a take that is to be removed; one that a person changed stays on its rig, as baked."""
-    for rig in [one for one in context.scene.objects if is_rig(one) and preview_on(one, take)]:
+    """Discards the previews of a take that is to be removed; one that a person changed stays on its rig, as baked.
+
+    In all scenes, but of a linked take, which stays in the others.
+    """
+    near = context.scene.objects if is_linked(take) else bpy.data.objects
+    for rig in [one for one in near if is_rig(one) and preview_on(one, take)]:
         if is_ours(rig):
             discard(context, rig)
         else:

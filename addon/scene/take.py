@@ -436,7 +436,7 @@ def _read_body(
     return {
         "expected": _by_marker(expected.reshape(count, markers, 3)),
         "joints": pose["joints"].reshape(count, -1, 3),
-        "rotations": rotations.exponential(pose["turns"])[0].reshape(count, -1, 3, 3),
+        "rotations": rotations.turn_of(pose["turns"]).reshape(count, -1, 3, 3),
         "scale": np.concatenate([frames[_size_of(number)] for number in range(performers)], axis=1),
         "confidence": frames["confidence"],
     }

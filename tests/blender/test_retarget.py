@@ -282,6 +282,24 @@ def test_in_a_scene_of_another_rate_a_rig_moves_at_its_own_speed(shown):
     np.testing.assert_allclose(*np.array(poses).reshape(2, 24, -1)[:, found], rtol=1e-4, atol=1e-4)
 
 
+def test_keys_have_no_handles_until_blender_lays_them_for_who_makes_curves_of_the_lines(shown):
+    """To lay them takes half of the time that making the keys does."""
+    rig = mixamo()
+    retargeted(rig)
+    curve = ours("scene.ownership").curves_of(rig)[0]
+    assert not any(curve.keyframe_points[5].handle_left)
+    area = bpy.context.window.screen.areas[0]
+    before, area.type = area.type, "DOPESHEET_EDITOR"
+    area.spaces[0].mode = "ACTION"
+    with bpy.context.temp_override(area=area, region=next(one for one in area.regions if one.type == "WINDOW")):
+        bpy.ops.action.select_all(action="SELECT")
+        bpy.ops.action.interpolation_type(type="BEZIER")
+    area.type = before
+    point = curve.keyframe_points[5]
+    assert point.interpolation == "BEZIER"
+    assert point.co.x - point.handle_left[0] == pytest.approx(1 / 3, abs=1e-4)
+
+
 def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     scene, rig = bpy.context.scene, mixamo()
     scene.mocap_autolabel.take.objects.link(rig)
@@ -775,7 +793,7 @@ def test_a_preview_of_one_take_follows_again_once_that_of_another_is_discarded(s
     is_new(rig, keys, action)
 
 
-@pytest.mark.parametrize("change", ["none", "keys", "baked"])
+@pytest.mark.parametrize("change", ["none", "scene", "keys", "baked"])
 def test_a_preview_goes_with_its_take_and_what_is_baked_or_changed_by_hand_stays(shown, change):
     rig, solver, _ = leg_by_ik()
     rig.animation_data_create().action = own = bpy.data.actions.new("mine")
@@ -785,13 +803,26 @@ def test_a_preview_goes_with_its_take_and_what_is_baked_or_changed_by_hand_stays
         ours("scene.ownership").curves_of(rig)[0].keyframe_points[0].co.y += 1  # by hand
     elif change == "baked":
         press("bake_retarget")
+    elif change == "scene":
+        bpy.data.scenes.new("another").collection.objects.link(rig)
+        bpy.context.scene.collection.objects.unlink(rig)
+    goes = change in ("none", "scene")
     press("clear")
-    assert rig.animation_data.action == (own if change == "none" else action)
-    assert solver.influence == (change == "none")
+    assert rig.animation_data.action == (own if goes else action)
+    assert solver.influence == goes
     assert ours("scene.rig_preview").preview_on(rig) is None
-    assert len([one for one in bpy.data.actions if "retargeted" in one.name or " on " in one.name]) == (
-        change != "none"
-    )
+    assert len([one for one in bpy.data.actions if "retargeted" in one.name or " on " in one.name]) == (not goes)
+
+
+def test_a_preview_of_a_linked_take_stays_in_a_scene_that_the_take_stays_in(shown, monkeypatch):
+    rig, scene = mixamo(), bpy.context.scene
+    action = retargeted(rig)
+    bpy.data.scenes.new("another").collection.objects.link(rig)
+    monkeypatch.setattr(ours("scene.rig_preview"), "is_linked", lambda take: True)
+    for gone, now in ((True, action), (False, None)):
+        (scene.collection.objects.unlink if gone else scene.collection.objects.link)(rig)
+        ours("scene.rig_preview").leave_take(bpy.context, scene.mocap_autolabel.take)
+        assert rig.animation_data.action == now
 
 
 def test_undo_takes_a_choice_back_with_what_followed_it_and_a_bake(shown):

@@ -137,18 +137,21 @@ def _calmed(rotated: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
 
 def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
     """A smooth curve, nowhere below values (F, S) or 0, that comes and goes within so many frames; NaN counts as 0."""
-    from scipy.ndimage import maximum_filter1d
-
     half = max(frames // 2, 1)
-    return eased(maximum_filter1d(np.maximum(np.nan_to_num(values), 0.0), 4 * half + 1, axis=0), half)
+    most, size = np.pad(np.maximum(np.nan_to_num(values), 0.0), ((2 * half, 2 * half), (0, 0))), 1
+    while size <= 4 * half:  # the most of so many frames
+        step = min(size, 4 * half + 1 - size)
+        most, size = np.maximum(most[:-step], most[step:]), size + step
+    return eased(most, half)
 
 
 def eased(values: np.ndarray, half: int) -> np.ndarray:
     """Values (F, ...) as a smooth curve: the mean of so many frames to either side, and that of those means."""
-    from scipy.ndimage import uniform_filter1d
-
-    for _ in range(2):
-        values = uniform_filter1d(values, 2 * half + 1, axis=0, mode="nearest")
+    whole = 2 * half + 1
+    for _ in range(2):  # SciPy's filters take 0.3 s to import, for which a window waits
+        around = np.repeat(values[:1], half + 1, axis=0), values, np.repeat(values[-1:], half, axis=0)
+        sums = np.cumsum(np.concatenate(around), axis=0)
+        values = (sums[whole:] - sums[:-whole]) / whole
     return values
 
 
@@ -194,7 +197,7 @@ def _feet_on_ground(
     along /= np.linalg.norm(along, axis=2, keepdims=True)
     aside = np.cross(along, -rotations.carried(turn, parts[:, 0])), np.cross(along, goal[:, :, 2] - goal[:, :, 0])
     roll = np.arctan2((np.cross(*aside) * along).sum(axis=2), (aside[0] * aside[1]).sum(axis=2))
-    turn = rotations.exponential(along * roll[..., None])[0] @ turn
+    turn = rotations.turn_of(along * roll[..., None]) @ turn
     share = ((held + 1e-3) / (1 + 1e-3 - held))[..., :2]  # what is planted is where it should be, what fades follows
     share = share / share.sum(axis=2, keepdims=True)
     ankle = np.einsum("fsp,fspi->fsi", share, (goal - rotations.carried(turn[:, :, None], parts))[:, :, :2])
@@ -220,7 +223,7 @@ def toes_bent(
     clear = np.where(room < reach, level - np.arcsin(np.clip(room / reach, 0, 1)), bent)
     on_sole = np.clip(1 + 2 * upright, 0, 1)  # one on its back does not stand on its sole
     need = np.maximum(np.maximum(held * (level - bent), clear - bent), 0)
-    return rotations.exponential(axis * np.clip(bent + on_sole * need, *ON_GROUND.bent_rad)[..., None])[0]
+    return rotations.turn_of(axis * np.clip(bent + on_sole * need, *ON_GROUND.bent_rad)[..., None])
 
 
 def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int) -> np.ndarray:
@@ -232,7 +235,7 @@ def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int)
     lack = _envelope(np.where(near, np.minimum(need, ON_GROUND.tilt_rad), 0.0), fade)
     # A foot that stands on its tip has no direction: the less level, the less it is turned.
     axis = np.stack([way[..., 1], -way[..., 0], np.zeros_like(level)], axis=2) / np.maximum(level, long / 2)[..., None]
-    return rotations.exponential(axis * lack[..., None])[0] @ turn
+    return rotations.turn_of(axis * lack[..., None]) @ turn
 
 
 def _carrying(slow: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -281,15 +284,15 @@ def _held_in_place(
 
 def _plants(path: np.ndarray, slow: np.ndarray, tilt: np.ndarray, least: int, fade: int) -> list[Plant]:
     """Where a part of a foot on a path (F, 3) m is planted; it may rise by as much as `tilt` (F,) m does."""
-    found, left = [], runs(slow, fade)
+    found, left, both = [], runs(slow, fade), np.column_stack([path, tilt])
     while left:
         start, stop = left.pop()
         if stop - start <= least:
             continue
-        here = path[start:stop]
-        place = np.median(here[np.isfinite(here).all(axis=1)], axis=0)  # nanmedian takes five times as long
-        off = np.nan_to_num(path[start:stop] - place)
-        more = np.nan_to_num(tilt[start:stop] - np.nanmedian(tilt[start:stop]))
+        here = both[start:stop]
+        middle = np.median(here[np.isfinite(here).all(axis=1)], axis=0)  # nanmedian takes five times as long
+        off, place = np.nan_to_num(here - middle), middle[:3]
+        off, more = off[:, :3], off[:, 3]
         off[:, 2] -= np.clip(off[:, 2], np.minimum(more, 0), np.maximum(more, 0))
         if np.linalg.norm(off, axis=1).max() <= ON_GROUND.reach_m:
             found.append((start, stop, place))
@@ -368,5 +371,5 @@ def _knees(
     sideways *= np.minimum(1.0, np.sqrt(room) / np.maximum(np.linalg.norm(sideways, axis=2), 1e-9))[..., None]
     ahead = np.sqrt(np.maximum(room - (sideways**2).sum(axis=2), 0.0))
     # One that was bent backwards gives way first, by a millimetre or two of its leg's length.
-    ahead = np.where(before < 0, np.maximum(ahead + 2 * before, before), ahead)
+    ahead = np.where(before < 0, np.maximum(ahead + 2 * before, -ahead), ahead)
     return hip + along[..., None] * way + sideways + ahead[..., None] * forward

@@ -83,21 +83,35 @@ def quaternion_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def turned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Unit quaternions (..., 4) after a further turn by the rotation vector (..., 3), rad, in world axes."""
+    product = quaternion_product(_quaternion_of(vector), quaternion)
+    return product / np.sqrt(np.einsum("...i,...i->...", product, product))[..., None]
+
+
+def turn_of(vector: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) the rotation of rotation vectors (..., 3) rad, without the Jacobian."""
+    return quaternion_to_matrix(_quaternion_of(vector))
+
+
+def _quaternion_of(vector: np.ndarray) -> np.ndarray:
+    """(..., 4) unit quaternions of rotation vectors (..., 3) rad."""
     angle = np.sqrt(np.einsum("...i,...i->...", vector, vector))[..., None]
-    turn = np.empty(quaternion.shape)
+    turn = np.empty((*vector.shape[:-1], 4))
     turn[..., :1] = np.cos(angle / 2)
     turn[..., 1:] = np.sinc(angle / (2 * np.pi)) / 2 * vector
-    product = quaternion_product(turn, quaternion)
-    return product / np.sqrt(np.einsum("...i,...i->...", product, product))[..., None]
+    return turn
 
 
 def turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """(..., 3) rotation vector, rad, world axes, that turns quaternion `start` into `end` the short way round."""
-    product = quaternion_product(end, start * np.array([1.0, -1, -1, -1]))
-    product = np.where(product[..., :1] < 0, -product, product)
-    sine = np.sqrt(np.einsum("...i,...i->...", product[..., 1:], product[..., 1:]))[..., None]
-    angle = 2 * np.arctan2(sine, product[..., :1])
-    return product[..., 1:] * np.where(sine < NO_TURN, 2.0, angle / np.where(sine < NO_TURN, 1.0, sine))
+    return _vector_of(quaternion_product(end, start * np.array([1.0, -1, -1, -1])))
+
+
+def _vector_of(quaternion: np.ndarray) -> np.ndarray:
+    """(..., 3) rotation vectors, rad, of unit quaternions (..., 4), the short way round."""
+    turn = np.where(quaternion[..., :1] < 0, -quaternion, quaternion)
+    sine = np.sqrt(np.einsum("...i,...i->...", turn[..., 1:], turn[..., 1:]))[..., None]
+    angle = 2 * np.arctan2(sine, turn[..., :1])
+    return turn[..., 1:] * np.where(sine < NO_TURN, 2.0, angle / np.where(sine < NO_TURN, 1.0, sine))
 
 
 def about_z(angle: np.ndarray) -> np.ndarray:
@@ -113,14 +127,14 @@ def matrix_to_quaternion(matrix: np.ndarray) -> np.ndarray:
     Every column of the sixteen products of a quaternion's parts is the quaternion times one part; the longest column
     is the surest (Bar-Itzhack 2000, for exact rotations).
     """
-    products = _parts_of(matrix)
+    products = (matrix.reshape(*matrix.shape[:-2], 9) @ PARTS_TABLE + PARTS_OF_NONE).reshape(*matrix.shape[:-2], 4, 4)
     longest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
     column = np.take_along_axis(products, longest[..., None, None], axis=-1)[..., 0]
     return column / np.linalg.norm(column, axis=-1, keepdims=True)
 
 
 def _parts_of(matrix: np.ndarray) -> np.ndarray:
-    """(..., 4, 4) products of the parts of the quaternion, times four."""
+    """(..., 4, 4) products of the parts of the quaternion, times four, which are linear in the matrix."""
     products = np.empty((*matrix.shape[:-2], 4, 4))
     trace = np.trace(matrix, axis1=-2, axis2=-1)
     products[..., 0, 0] = 1 + trace
@@ -132,10 +146,14 @@ def _parts_of(matrix: np.ndarray) -> np.ndarray:
     return products
 
 
+# (16,) and (9, 16), by which the nine numbers of a rotation become these products at once.
+PARTS_OF_NONE = _parts_of(np.zeros((3, 3))).ravel()
+PARTS_TABLE = _parts_of(np.eye(9).reshape(9, 3, 3)).reshape(9, 16) - PARTS_OF_NONE
+
+
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     """(..., 3) rotation vector, rad, of rotations (..., 3, 3); angles from 0 to π."""
-    identity = np.array([1.0, 0, 0, 0])
-    return turn_between(identity, matrix_to_quaternion(matrix))
+    return _vector_of(matrix_to_quaternion(matrix))
 
 
 def least_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -162,8 +162,8 @@ class Character:
         From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments; NaN stays NaN.
         """
         carried = rotations[:, self.segment]
-        heads = joints[:, self.segment] + np.einsum("fbij,bj->fbi", carried, self.starts)
-        return heads, carried @ self.turns.swapaxes(1, 2)
+        heads = joints[:, self.segment] + (carried @ self.starts[..., None])[..., 0]
+        return heads, carried @ np.linalg.inv(self.turns)  # of a transposed view it takes three times as long
 
 
 def character_of(segments: Sequence[str], joints: np.ndarray, ends: np.ndarray) -> Character:

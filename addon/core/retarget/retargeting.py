@@ -13,12 +13,13 @@ import numpy as np
 
 from ..body.sides import BODY_SIDES
 from ..filling.ground import LEG, ON_GROUND, eased, toes_bent
-from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
+from ..geometry.rotations import NO_TURN, least_turn, rotation_vector, turn_of
 from ..posing.character import FACING, Character
 from ..review.suspects import runs
 from .matching import FINGER_WORDS
 
 SPINE = ("spine", "between", "chest")
+UNTURNED = np.eye(3)
 LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a bone that says not where it points
@@ -100,21 +101,20 @@ def retarget(
     Legs and arms bend for that; hips go part of what planted feet lack, and turn less where they are wider. Where the
     body is NaN it goes straight from where it was to where it is again.
     """
-    joints, rotated, found = _bridged(*motion)
-    body = BodyInMotion(character, *character.posed(joints, rotated), found)
+    body = BodyInMotion(character, *_bridged(*motion))
     rig = _with_feet(rig, body)
     at, aligned = rig.at, _alignments(rig, body)
-    turns = np.empty((len(rig.parts), len(body.heads), 3, 3)).swapaxes(0, 1)  # in memory bone by bone, as it is used
+    turns = np.empty((len(rig.parts), len(body.found), 3, 3)).swapaxes(0, 1)  # in memory bone by bone, as it is used
     for index, part in enumerate(rig.parts):
         if part in SPINE:
             turns[:, index] = _of_spine(rig, body, index, aligned)
         elif part.startswith("shoulder") and "chest" in body.at:  # as it is carried, and as it moves in the chest
-            side = body.turned(part) @ body.turned("chest").swapaxes(1, 2)
-            turns[:, index] = side @ (turns[:, at["chest"]] if "chest" in at else body.turned("chest"))
+            chest = turns[:, at["chest"]] if "chest" in at else body.turned("chest")
+            turns[:, index] = body.turned(part) @ (body.turned("chest").swapaxes(1, 2) @ chest)
         elif part.partition(".")[0] in (*NEXT, "hand", *FINGER_WORDS):
-            turns[:, index] = body.turns[:, body.at[part]] @ aligned[index]
+            turns[:, index] = body.aimed(part, aligned[index])
         else:
-            turns[:, index] = body.turned(part) @ aligned[index]
+            turns[:, index] = body.turned(part, aligned[index])
     scale, floor, lift = _fitted(rig, body)
     ground, plants, pits = _plants(body, rig.legs, rate) if feet else (0.0, {}, {})
     lift -= scale * ground
@@ -134,20 +134,23 @@ def retarget(
                 _keep_toes_out(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
         if hands and set(arm) <= at.keys():
-            _bend(rig, (turns, hips), aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
+            upper, lower, _ = limb = [at[part] for part in arm]
+            way = scale * body.begin(arm[2]) + lift * SKYWARDS - place_of(rig, turns, hips, upper)
+            both = turns[:, upper], turns[:, lower]
+            turns[:, upper], turns[:, lower] = _reaching(rig, limb, *both, way, aligned[upper].T @ hinge)
     return turns, hips
 
 
 @dataclass(frozen=True, eq=False)
 class BodyInMotion:
-    """A character with where its bones begin (F, B, 3) m, and how they are turned from the T-pose (F, B, 3, 3).
+    """A character with the joints (F, J, 3) m of its body, and the rotations (F, J, 3, 3) of that one's segments.
 
     In which frames (F,) it was `found`.
     """
 
     character: Character
-    heads: np.ndarray
-    turns: np.ndarray
+    joints: np.ndarray
+    rotated: np.ndarray
     found: np.ndarray
 
     @property
@@ -157,22 +160,30 @@ class BodyInMotion:
 
     def begin(self, part: str) -> np.ndarray:
         """(F, 3) m where a bone begins."""
-        return self.heads[:, self.at[part]]
+        bone = self.at[part]
+        segment = self.character.segment[bone]
+        return self.joints[:, segment] + self.rotated[:, segment] @ self.character.starts[bone]
 
     def rest(self, part: str) -> np.ndarray:
         """(3,) m where a bone begins in the T-pose."""
         return self.character.heads[self.at[part]]
 
-    def turned(self, part: str) -> np.ndarray:
-        """(F, 3, 3) how a bone is turned from where the standing body has it, not the T-pose."""
-        index = self.at[part]
-        return self.turns[:, index] @ self.character.turns[index] @ FACING.T
+    def turned(self, part: str, rest: np.ndarray = UNTURNED) -> np.ndarray:
+        """(F, 3, 3) how what is `rest` (3, 3) on a bone of the standing body, not of the T-pose, is turned."""
+        return self.rotated[:, self.character.segment[self.at[part]]] @ (FACING.T @ rest)
+
+    def aimed(self, part: str, rest: np.ndarray) -> np.ndarray:
+        """(F, 3, 3) how what is `rest` (3, 3) on a bone of the T-pose is turned."""
+        bone = self.at[part]
+        return self.rotated[:, self.character.segment[bone]] @ (self.character.turns[bone].T @ rest)
 
 
 def _bridged(joints: np.ndarray, rotated: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joints (F, J, 3) m and rotations (F, J, 3, 3), those of NaN frames between those around; where (F,) none were."""
     found = np.isfinite(joints).all(axis=(1, 2))
-    gone, rows, joints, rotated = np.flatnonzero(~found), np.flatnonzero(found), joints.copy(), rotated.copy()
+    if found.all():
+        return joints, rotated, found
+    gone, rows, joints, rotated = np.flatnonzero(~found), np.flatnonzero(found), joints.copy("K"), rotated.copy("K")
     way = np.interp(gone, rows, np.arange(len(rows)))
     one, two, share = rows[way.astype(int)], rows[np.ceil(way).astype(int)], (way % 1)[:, None, None]
     joints[gone] = joints[one] + share * (joints[two] - joints[one])
@@ -251,16 +262,16 @@ def _of_spine(rig: Rig, body: BodyInMotion, index: int, aligned: np.ndarray) -> 
 
     The body bends at two joints of the spine; a rig's bones bend so around the same height of the trunk.
     """
-    chest = body.turns[:, body.at["chest"]] @ aligned[index]
+    chest = body.aimed("chest", aligned[index])
     if index + 1 == len(rig.parts) or rig.parts[index + 1] not in SPINE:
         return chest
     low, top = (rig.heads[rig.at["thigh.L"]] + rig.heads[rig.at["thigh.R"]])[2] / 2, _top(rig)[2]
     height = ((rig.heads[index] + rig.heads[index + 1])[2] / 2 - low) / (top - low)
     own = (body.rest("thigh.L") + body.rest("thigh.R"))[2] / 2
     joints = [(body.rest(part)[2] - own) / (body.rest("neck")[2] - own) for part in ("spine", "chest")]
-    hips, spine = body.turned("hips"), body.turns[:, body.at["spine"]] @ aligned[index]
+    hips, spine = body.turned("hips"), body.aimed("spine", aligned[index])
     lower = _part_way(hips, spine, _share(height, joints[0]))
-    return lower @ spine.swapaxes(1, 2) @ _part_way(spine, chest, _share(height, joints[1]))
+    return lower @ (spine.swapaxes(1, 2) @ _part_way(spine, chest, _share(height, joints[1])))
 
 
 def _share(height: float, joint: float) -> float:
@@ -271,7 +282,7 @@ def _share(height: float, joint: float) -> float:
 
 def _part_way(start: np.ndarray, end: np.ndarray, share: float | np.ndarray) -> np.ndarray:
     """Rotations (F, …, 3, 3) so far of the short way from some to others."""
-    return start @ exponential(share * rotation_vector(start.swapaxes(-2, -1) @ end))[0]
+    return start @ turn_of(share * rotation_vector(start.swapaxes(-2, -1) @ end))
 
 
 def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
@@ -337,15 +348,16 @@ def _with_legs(rig: Rig, body: BodyInMotion, posed: Posed, footing: Footing) -> 
 
 def _plant(rig: Rig, body: BodyInMotion, side: str, posed: Posed, footing: Footing, aligned: np.ndarray):
     """Changes the turns of a leg so that its planted foot does not slide; before and after that fades."""
-    (turns, hips), leg = posed, [f"{part}.{side}" for part in LEG]
-    (rows, ankle), foot = _standing(rig, body, side, posed, footing), rig.at[leg[-1]]
-    hip, begin = (place_of(rig, *posed, at)[rows] for at in (rig.at[leg[0]], foot))
-    far, bent, way = np.linalg.norm(begin - hip, axis=1), turns[rows], _ball(rig, side) - rig.heads[foot]
-    rolled, bent[:, foot] = _rolled(bent[:, foot], way, ankle - hip, far, footing.scale * ON_GROUND.reach_m)
-    _bend(rig, (bent, hips[rows]), aligned, leg, hip + rolled, LEFTWARDS)
-    for bone in (rig.at[part] for part in leg):
-        change = rotation_vector(bent[:, bone] @ turns[rows, bone].swapaxes(1, 2))
-        turns[:, bone] = exponential(_fading(rows, change, len(turns), footing.fade))[0] @ turns[:, bone]
+    turns, (thigh, shank, foot) = posed[0], (leg := [rig.at[f"{part}.{side}"] for part in LEG])
+    rows, ankle = _standing(rig, body, side, posed, footing)
+    hip, begin = (place_of(rig, *posed, at)[rows] for at in (thigh, foot))
+    far, ball = np.linalg.norm(begin - hip, axis=1), _ball(rig, side) - rig.heads[foot]
+    way, sole = _rolled(turns[rows, foot], ball, ankle - hip, far, footing.scale * ON_GROUND.reach_m)
+    both = turns[rows, thigh], turns[rows, shank]
+    bent = *_reaching(rig, leg, *both, way, aligned[thigh].T @ LEFTWARDS), sole
+    for bone, turn in zip(leg, bent, strict=True):
+        change = rotation_vector(turn @ turns[rows, bone].swapaxes(1, 2))
+        turns[:, bone] = turn_of(_fading(rows, change, len(turns), footing.fade)) @ turns[:, bone]
 
 
 def _fading(rows: np.ndarray, values: np.ndarray, count: int, fade: int) -> np.ndarray:
@@ -399,7 +411,7 @@ def _rolled(
         across = np.cross(turn @ way, axis)
         wanted = ankle * (far / np.linalg.norm(ankle, axis=1) - 1)[:, None]
         angle = (wanted * across).sum(axis=1) / ((across**2).sum(axis=1) + short**2)
-        turn = exponential(axis * angle[:, None])[0] @ turn
+        turn = turn_of(axis * angle[:, None]) @ turn
         ankle = ball - turn @ way
     return ankle, turn
 
@@ -419,7 +431,7 @@ def _keep_foot_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, foo
     up = rotation_vector(toes_bent(carrying, np.eye(3)[None, None], level[None], 0.0, height))
     up = eased(up, max(footing.fade // 4, 1))
     up[footing.plants[side][0]] = 0.0
-    turns[:, [foot]] @= exponential(up)[0]
+    turns[:, [foot]] @= turn_of(up)
 
 
 def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):
@@ -440,18 +452,17 @@ def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float, found: np.ndarra
 
     Not in gaps, where it was not `found` (F,); short ones are none.
     """
-    from scipy.ndimage import binary_closing, binary_opening
-
     lag = max(int(rate * ON_GROUND.span_s / 2), 1)
-    kept, wide = np.ones(2 * lag + 1, bool), 2 * lag
+    wide = 2 * lag
     low, planted = lowest < np.percentile(lowest[found], 5) + ON_GROUND.low_m, np.zeros(len(found), bool)
     for start, stop in runs(found, wide + 1):
         frames = np.arange(start, stop)
         ahead, behind = (ball[np.clip(frames + step, start, stop - 1)] for step in (lag, -lag))
-        slow = np.linalg.norm(ahead - behind, axis=1) < ON_GROUND.slow_m_s * 2 * lag / rate
-        # As it is at its ends, so it is before and after.
-        still = np.pad(slow & low[start:stop], wide, "edge")
-        planted[start:stop] = binary_opening(binary_closing(still, kept), kept)[wide:-wide]
+        slow = np.linalg.norm(ahead - behind, axis=1) < ON_GROUND.slow_m_s * wide / rate
+        still = np.pad(slow & low[start:stop], lag, "edge")  # as it is at its ends, so it is before and after
+        for begin, end in runs(still, wide + 1):
+            still[begin:end] = end - begin > wide
+        planted[start:stop] = still[lag:-lag]
     return planted
 
 
@@ -465,25 +476,15 @@ def place_of(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.nd
     return place_of(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
 
 
-def _bend(rig: Rig, posed: Posed, aligned: np.ndarray, limb: list[str], goal: np.ndarray, hinge: np.ndarray):
-    """Changes the turns of a limb's two upper bones so that the third begins at goals (F, 3) m.
-
-    `hinge` (3,) is the axis in the T-pose that the joint between bends about.
-    """
-    turns, (upper, lower, end) = posed[0], (rig.at[part] for part in limb)
-    lengths = rig.heads[lower] - rig.heads[upper], rig.heads[end] - rig.heads[lower]
-    both, far = (turns[:, upper], turns[:, lower]), goal - place_of(rig, *posed, upper)
-    turns[:, upper], turns[:, lower] = _reaching(*both, *lengths, far, aligned[upper].T @ hinge)
-
-
 def _reaching(
-    upper: np.ndarray, lower: np.ndarray, first: np.ndarray, second: np.ndarray, goal: np.ndarray, hinge: np.ndarray
+    rig: Rig, limb: list[int], upper: np.ndarray, lower: np.ndarray, goal: np.ndarray, hinge: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The turns (F, 3, 3) of the two bones of a limb changed so that they end at goals (F, 3) m, or near out of reach.
+    """The turns (F, 3, 3) of a limb's two upper bones so that the third begins at goals (F, 3) m from where it begins.
 
-    `first` and `second` (3,) m are the bones at rest, `hinge` (3,) the axis of the upper one that the lower one bends
-    about. It bends more or less about that, which leaves what it bends sideways, and both swing together the least.
+    Or near to those out of reach. `hinge` (3,) is the axis of the upper bone at rest that the lower one bends about. It
+    bends more or less about that, which leaves what it bends sideways, and both swing together the least.
     """
+    first, second = np.diff(rig.heads[limb], axis=0)
     one, two = float(np.linalg.norm(first)), float(np.linalg.norm(second))
     way, ahead = upper @ first / one, lower @ second / two
     cross = np.cross(way, ahead)
@@ -497,6 +498,6 @@ def _reaching(
     aside = bent - axis * (bent * axis).sum(axis=1)[:, None]
     much = np.linalg.norm(aside, axis=1)[:, None]
     again = aside * np.minimum(1, angle / np.maximum(much, NO_TURN)) + axis * np.sqrt(np.maximum(angle**2 - much**2, 0))
-    anew = exponential(again)[0]
+    anew = turn_of(again)
     swing = least_turn(one * way + two * (anew @ way[..., None])[..., 0], goal)
-    return swing @ upper, swing @ anew @ exponential(-bent)[0] @ lower
+    return swing @ upper, swing @ anew @ turn_of(-bent) @ lower

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Feet of a posed body on the ground, on a walk whose floor and plants are known."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.filling.ground import settled
+from addon.core.filling.ground import _knees, settled
 from addon.core.geometry import rotations
 
 RATE = 100.0
@@ -163,6 +166,16 @@ def test_a_foot_that_is_held_up_a_floor_elsewhere_and_a_world_on_its_side():
     assert np.abs(now - joints @ flat.T).max() < 0.04
 
 
+def test_a_knee_that_is_bent_backwards_straightens_where_its_foot_goes_farther():
+    lower = np.linspace(0, 0.002, 20)
+    hip, knee = np.zeros((20, 1, 3)), np.tile([-0.03, 0.0, -0.4], (20, 1, 1))
+    ankle = np.stack([0 * lower, 0 * lower, -0.8 - lower], axis=1)[:, None]
+    length = np.linalg.norm(knee[0], axis=1)
+    bent = _knees(hip, knee, ankle, np.tile([1.0, 0, 0], (20, 1, 1)), length, length, 2 * length)
+    np.testing.assert_allclose(np.linalg.norm([bent, ankle - bent], axis=3), length[0], atol=1e-9)
+    assert bent[0, 0, 0] == pytest.approx(-0.03) and (np.diff(bent[:, 0, 0]) > 0).all()
+
+
 def test_frames_without_a_body_stay_without_one_and_who_has_no_legs_as_they_are():
     joints, turned, _, _ = wavering()
     joints[130:134], turned[130:134] = np.nan, np.nan
@@ -177,6 +190,17 @@ def test_frames_without_a_body_stay_without_one_and_who_has_no_legs_as_they_are(
     assert after is turned
     nobody = np.full_like(joints, np.nan)
     assert settled(nobody, turned, SEGMENTS, PARENTS, ENDS, RATE)[0] is nobody
+
+
+def test_a_body_is_settled_and_retargeted_without_scipy_for_whose_import_a_window_would_wait():
+    code = (
+        "from addon.core.retarget.retargeting import _planted; from tests.core.filling.test_ground import *; "
+        "joints, turned, *_ = wavering(); settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE); "
+        "_planted(joints[:, 0], joints[:, 0, 2], RATE, np.ones(len(joints), bool)); "
+        "print([name for name in sys.modules if name.startswith('scipy')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_smoothing_takes_shaking_out_of_the_body_and_leaves_its_lengths():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The bones of rigs by name, form or map; their turns by a body's motion: where limbs reach, which feet are planted."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -135,6 +136,18 @@ def test_around_a_gap_of_the_body_a_rig_moves_as_without_it(squats, begin, end, 
     off[end:] -= off[-1]
     off[begin:end] = 0
     assert (np.abs(off).max(axis=(0, 2)) < [0.001, 0.001, 0.005, 0.005]).all()
+
+
+def test_the_motion_of_a_rig_takes_little_memory_beside_itself(squats):
+    """As a button's press waits for it, which fresh memory is a good part of in a long take."""
+    character, motion = squats
+    motion = tuple(np.concatenate([part] * 20) for part in motion)
+    retarget(character, motion, RATE, rig(), feet=True, hands=True)  # which may load modules
+    tracemalloc.start()
+    turns, _ = retarget(character, motion, RATE, rig(), feet=True, hands=True)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2 * turns.nbytes
 
 
 @pytest.mark.parametrize("feet", [True, False])
