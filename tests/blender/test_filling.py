@@ -235,7 +235,7 @@ def test_what_cannot_be_filled_or_smoothed_is_one_sentence(labelled):
     refused("Nothing was filled", "take_back_fills")
     settings.filling.use_longest, settings.filling.longest = True, 1
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"CANCELLED"}
-    assert {row.reason for row in session().left_gaps} == {"is longer than 1 frames"}
+    assert {row.reason for row in session().left_gaps} == {"is longer than 1 frame"}
     settings.filling.use_longest, settings.filling.method = False, "body"
     settings.subjects.markerset, settings.subjects.markerset_path = "FILE", ""
     refused("is not the take's; expected", "fill_gaps", extent="TAKE")

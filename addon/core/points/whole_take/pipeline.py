@@ -8,7 +8,6 @@ they are applied to what comes of it.
 """
 
 from collections.abc import Callable, Generator, Iterable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -29,6 +28,7 @@ from ..models import USUAL_TARGET, Model, Namer, namer_of
 from ..motion import LabelledPoints, by_marker, take_motion
 from ..possible import refuse_impossible
 from ..refusals import (
+    NO_FIT,
     Sample,
     SubjectsError,
     UnsuitedError,
@@ -116,26 +116,11 @@ class PointOptions:
 
 
 def label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:
-    """Names the points of a take, and poses the body on them; by the model's second likelihood if the first refuses.
+    """Names the points of a take, and poses the body on them.
 
     Labels are by lanes, as the points; suspects call trajectories by their index in the file (`Points.columns`).
     Raises JobError where the take is not of one subject in the model's markers, or cannot be as it says.
     """
-    second = replace(model, likelihood=model.second, second=None)
-    try:
-        return (yield from _label_take(take, model, options))
-    except SubjectsError:
-        raise
-    except UnsuitedError:
-        if second.likelihood is None or options.method != "likelihood":
-            raise
-        with suppress(UnsuitedError):
-            return (yield from _label_take(take, second, options))
-        raise
-
-
-def _label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:
-    """The same by one likelihood."""
     begin = perf_counter()
     refuse_floods(take.xyz)
     if not (options.force or options.traced):
@@ -192,9 +177,8 @@ def _labelled(
     take: Points, tracklet: np.ndarray, model: Model, options: PointOptions, begin: float
 ) -> Steps[LabelledPoints]:
     """The take from stage to stage, with the tracklet of every point (T, P); `begin` is when that was begun, s."""
-    frames = yield from name_frames(take, tracklet, model, options)
+    frames, solution, verdict = yield from _likelier(take, tracklet, model, options)
     model = frames.model
-    solution, verdict = yield from as_a_whole(frames, options)
     unedited = applied = None
     if options.edits:
         unedited, applied, verdict = yield from _with_edits(frames, solution, verdict, options)
@@ -215,6 +199,29 @@ def _labelled(
     suspects = without_accepted(summarised(suspects, take.rate), options.edits)
     outcomes = applied.outcomes if applied else ()
     return LabelledPoints(verdict.labels, motion, suspects, seconds, unedited, outcomes, doubts)
+
+
+def _likelier(
+    take: Points, tracklet: np.ndarray, model: Model, options: PointOptions
+) -> Steps[tuple[NamedFrames, Solution | None, Verdict]]:
+    """What frames say, and what the take as a whole comes to; where frames are not sure, by either likelihood.
+
+    That of which the markers sit likelier is kept. UnsuitedError where it is refused by each.
+    """
+    found, refusals, asked = [], [], [model]
+    if model.second is not None and options.method == "likelihood":
+        asked.append(replace(model, likelihood=model.second))
+    for one in asked:
+        try:
+            frames = yield from name_frames(take, tracklet, one, options)
+            found.append((frames, *(yield from as_a_whole(frames, options))))
+        except UnsuitedError as error:
+            refusals.append(error)
+        if (found and found[-1][0].sure) or any(isinstance(error, SubjectsError) for error in refusals):
+            break
+    if not found:
+        raise refusals[0]
+    return max(found, key=lambda one: NO_FIT.log_likelihood if one[1] is None else one[1].fit.log_likelihood)
 
 
 def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]:
