@@ -99,8 +99,9 @@ def test_a_take_that_the_first_likelihood_refuses_is_named_by_the_second():
     take = anonymous(walk, 60.0)
     with pytest.raises(JobError, match="does not look like a take of model body39"):
         finished(label_take(take, replace(model, second=None), PointOptions("likelihood")))
-    given = finished(label_take(take, model, PointOptions("likelihood"))).labels.marker
-    assert (given == own).mean() > 0.9
+    for force in (False, True):
+        given = finished(label_take(take, model, PointOptions("likelihood", force=force))).labels.marker
+        assert (given == own).mean() > 0.9
 
 
 @pytest.mark.parametrize("laned", [False, True])
