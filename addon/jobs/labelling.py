@@ -96,8 +96,8 @@ class OpenTake:
     name      names what is named of the whole take at once, and refuses what cannot be named
     parts     the named parts, in their order; they may be long where all of them are kept
     doubts    what the motion of a part shows, and the suspects that are about it
-    end       what all of it shows: notes and suspects; ForceableError where it cannot be, or where the check that its
-              markers have their sides raises that
+    end       what all of it shows: notes and suspects; ForceableError where it cannot be, as `check_sides` raises it
+              where its markers are on the other sides of the body
     facts     what the report says beside what every report says
     points    the markers in space, then what stays unnamed of points
     keys      the columns that tell one row of its labels from another
@@ -213,11 +213,11 @@ class PointTake(OpenTake):
         """What the motion shows, and all suspects."""
         return self.labelled.doubts, self.labelled.suspects
 
-    def end(self, handed: Callable[[], None]) -> tuple[list[str], tuple[Suspect, ...]]:
+    def end(self, check_sides: Callable[[], None]) -> tuple[list[str], tuple[Suspect, ...]]:
         """Whether the take is mirrored, by its markers or its frames: nothing else is left to be noticed."""
         models = [self.model] if self.several is None else [one.model for one in self.named_by.subjects]
         by_frames = partial(refuse_mirrored, self.take, self.labelled.labels.marker, models, self.mend)
-        return self.job.doubted(handed, by_frames), ()
+        return self.job.doubted(check_sides, by_frames), ()
 
     def facts(self, results: "Results") -> dict:
         """What the report of points says beside what every report says."""
