@@ -172,9 +172,9 @@ def read_actors(data: Path, name: str, leave_out=()) -> dict[str, np.ndarray]:
 
 
 def takes_on(body: MarkerSet, data: Path, leave_out=()) -> list[tuple[np.ndarray, str]]:
-    """The takes (T, M, 3) m of actors whose set is laid on a body, of the body's markers, NaN of those that none wears.
+    """The takes (T, M, 3) m of actors whose set is laid on a body, and who each is; NaN of markers that they lack.
 
-    Walkers hold their arms down: without actors wrists of who stands in a T-pose are asked about.
+    Walkers hold their arms down: without actors the wrists of somebody in a T-pose stay questions.
     """
     takes = []
     for site in _laid_on(body.name):
@@ -249,7 +249,7 @@ def main(arguments: list[str] | None = None):
             takes = [(points[::EVERY], person) for person, points in actors.items()]
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
             likelihood = learn_likelihood(takes + acted, markerset.markers)
-            # Who stands and walks is more alike: one leg alone is known among these.
+            # People who stand and walk are more alike: among them one leg alone is known.
             second = learn_likelihood(takes, markerset.markers) if acted else None
         write_model(given.out / f"{name}{SUFFIX}", Model(markerset, likelihood, second=second))
         print(f"{name}: {len(markerset)} markers, {time.perf_counter() - began:.1f} s")

@@ -140,14 +140,14 @@ def as_lines(agreement: Agreement) -> list[str]:
     """The figures as a short table for people."""
     figures = agreement.figures.as_dict()
     given = f"{figures['right']:,} right of {count_of(figures['labels'], 'label')} given"
-    there = f"{figures['marker_blobs']} {agreement.things} of real markers"
+    there = f"{figures['marker_blobs']:,} {agreement.things} of real markers"
     lines = [
         f"precision           {percent(figures['precision'])}   {given}",
         f"recall              {percent(figures['recall'])}   of {there}",
         f"f1                  {percent(figures['f1'])}",
         f"false assignments   {percent(figures['false_assignments'])}   {count_of(figures['wrong'], 'label')}",
         f"false occlusions    {percent(figures['false_occlusions'])}",
-        f"perfect frames      {percent(figures['perfect_frames'])}   of {figures['frames']}",
+        f"perfect frames      {percent(figures['perfect_frames'])}   of {figures['frames']:,}",
     ]
     lines += [
         f"step {step:<14} {percent(counts['precision'])}   {counts['right']} right of {counts['labels']}"

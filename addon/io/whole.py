@@ -7,15 +7,17 @@ time gives files their names in a folder, so that those of two never mix: a lock
 """
 
 import json
+import ntpath
 import os
 import stat
+import sys
 import time
 import unicodedata
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import filterfalse
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import IO
 
 from ..core.data.errors import InputError, JobError
@@ -307,7 +309,7 @@ def _flush_folder(folder: Path):
 
 def _refuse(target: Path, overwrite: bool):
     there = next(filter(os.path.exists, target.parents), target.parent)
-    if os.name == "nt" and target.is_reserved():  # that of a device, such as aux.tar.c3d, which may be there or not
+    if os.name == "nt" and _is_reserved(target):  # the device may be there or not
         raise InputError("cannot be the name of a file (Windows reserves it); expected another name", target)
     try:
         for name in target.relative_to(there).parts:  # in a folder that is not there the system takes any
@@ -335,6 +337,13 @@ def _refuse(target: Path, overwrite: bool):
             raise InputError(words, target) from None
 
 
+def _is_reserved(path: PurePath) -> bool:
+    """Whether a path of Windows has the name of a device, such as aux.tar.c3d."""
+    if sys.version_info >= (3, 13):  # which warns of what paths had for it
+        return ntpath.isreserved(path)
+    return path.is_reserved()
+
+
 @contextmanager
 def none_left_empty(folder: Path) -> Iterator[None]:
     """Where a folder and those above it were missing, they go at the end if nothing is in them, whoever made them."""
@@ -349,7 +358,7 @@ def none_left_empty(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _made_folder(folder: Path) -> Iterator[None]:
-    """Makes a folder, with those above it."""
+    """Makes a folder, with those above it, of which none is left empty."""
     with none_left_empty(folder):
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -2,7 +2,7 @@
 """A take of blobs, which is read and named chunk by chunk."""
 
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -137,8 +137,8 @@ class BlobTake(OpenTake):
         """What the motion of the chunk shows, and its suspects."""
         return find_suspects(chunk.motion, self.worn.markers, self.rate), chunk.suspects
 
-    def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
-        """What is wrong with cameras and rate; JobError where two subjects are there."""
+    def end(self, check_sides: Callable[[], None]) -> tuple[list[str], tuple[Suspect, ...]]:
+        """What is wrong with cameras, rate and sides; JobError where two subjects are there."""
         if self.others is not None:
             self.others.refuse()
         self.noticed = without_accepted(self.check.suspects(), self.edits)
@@ -146,7 +146,7 @@ class BlobTake(OpenTake):
         if self.several is None:  # else they were looked at before
             found = self.points().xyz
             notes += self.job.doubted(partial(refuse_impossible, found, self.rate, None, [self.model]))
-        return notes, self.noticed
+        return notes + self.job.doubted(check_sides), self.noticed
 
     def facts(self, results: Results) -> dict:
         """What the report of blobs says beside what every report says."""

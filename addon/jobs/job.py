@@ -92,10 +92,11 @@ class LabelJob:
     # the take will have keys in a scene that is open, and is refused as soon as they are known to be too many
     shown: bool = False
 
-    def doubted(self, check: Callable[[], None]) -> list[str]:
-        """Runs a check that may raise ForceableError; where the job is forced, what it says instead, for the report."""
+    def doubted(self, *checks: Callable[[], None]) -> list[str]:
+        """Runs checks until one raises ForceableError; where the job is forced, what that says, for the report."""
         try:
-            check()
+            for check in checks:
+                check()
         except ForceableError as error:
             if not self.force:
                 raise

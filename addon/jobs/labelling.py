@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take from file to files, of blobs as of 3D points: named part by part, and written as a whole."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property, partial
@@ -96,7 +96,8 @@ class OpenTake:
     name      names what is named of the whole take at once, and refuses what cannot be named
     parts     the named parts, in their order; they may be long where all of them are kept
     doubts    what the motion of a part shows, and the suspects that are about it
-    end       what all of it shows: notes and suspects; ForceableError where it cannot be
+    end       what all of it shows: notes and suspects; ForceableError where it cannot be, as `check_sides` raises it
+              where its markers are on the other sides of the body
     facts     what the report says beside what every report says
     points    the markers in space, then what stays unnamed of points
     keys      the columns that tell one row of its labels from another
@@ -212,11 +213,11 @@ class PointTake(OpenTake):
         """What the motion shows, and all suspects."""
         return self.labelled.doubts, self.labelled.suspects
 
-    def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
-        """Whether the take is mirrored: nothing else is left to be noticed."""
+    def end(self, check_sides: Callable[[], None]) -> tuple[list[str], tuple[Suspect, ...]]:
+        """Whether the take is mirrored, by its markers or its frames: nothing else is left to be noticed."""
         models = [self.model] if self.several is None else [one.model for one in self.named_by.subjects]
-        check = partial(refuse_mirrored, self.take, self.labelled.labels.marker, models, self.mend)
-        return self.job.doubted(check), ()
+        by_frames = partial(refuse_mirrored, self.take, self.labelled.labels.marker, models, self.mend)
+        return self.job.doubted(check_sides, by_frames), ()
 
     def facts(self, results: "Results") -> dict:
         """What the report of points says beside what every report says."""
@@ -301,7 +302,7 @@ def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
             if take.in_parts:
                 yield Progress(read, f"frame {chunk.motion.frames[-1]}")
         with timed(clock, "label"):
-            results.end(*take.end())
+            results.end(*take.end(results.handedness.refuse))
         results.labels.file.flush()
         points, of_gaps, fills = take.points(), {}, ()
         if job.fill:
@@ -372,8 +373,8 @@ class Results:
         self._doubtful.add(frames, doubtful.T)
 
     def end(self, notes: list[str], suspects: tuple[Suspect, ...]):
-        """Adds what shows at the end of the take; MirroredError where that is that it is mirrored."""
-        self.notes += [*notes, *self.job.doubted(self.handedness.refuse)]
+        """Adds what shows at the end of the take."""
+        self.notes += notes
         self.summary.suspects += suspects
         if self.chunks and suspects:
             rows, last = self.chunks[-1]

@@ -150,7 +150,7 @@ def subject_of(context: bpy.types.Context, stored: Stored, performer: Performer,
 def outcome_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
     """What came of a filling, for a person to read."""
     off = [1000 * fill.expected for fill in new if fill.expected == fill.expected]
-    words = f"{len(new)} of {len(new) + len(filled.left)} gaps filled"
+    words = f"{len(new):,} of {count_of(len(new) + len(filled.left), 'gap')} filled"
     if off:
         words += f", expected {'error' if len(off) == 1 else 'errors up to'} {max(off):.1f} mm"
     if filled.left:

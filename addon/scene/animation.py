@@ -87,9 +87,9 @@ def key(
     """Keys the property at `path` with `values` (F, n) at Blender's `frames` (F,); rows with NaN stay unkeyed.
 
     Where `generated` (F,) is True, the keys are of the type that Blender has for what a tool made up.
-    Channels that are there are empty, or have as many straight keys; without a row to key they go. The keys' handles,
-    of which straight lines make nothing, stay until Blender sets them, as it does for who makes curves of the lines:
-    `update`, which would, takes twice as long as all the rest.
+    Channels that are there are empty, or have as many straight keys; without a row to key they go. Straight lines need
+    no handles, so Blender sets these only where somebody makes curves of the lines: `update`, which would set them now,
+    takes twice as long as all the rest.
     """
     there = np.isfinite(values).all(axis=1)
     if not there.any():

@@ -376,7 +376,8 @@ class ReadyRig:
         """The bones with the channels that move them, (F, …), by what `retarget` says."""
         unit = np.linalg.norm(self.place[:3, :3], axis=0).mean()
         # To the armature's own axes and unit, and from its axes to the character's.
-        back, smaller, to_axes = (self.place[:3, :3] / unit).T, np.linalg.inv(self.place[:3, :3]).T, self.axes.T
+        back, smaller = (self.place[:3, :3] / unit).T, np.linalg.inv(self.place[:3, :3]).T
+        to_axes = np.ascontiguousarray(self.axes.T)  # a view takes three times as long
         head = (hips - self.place[:3, 3]) @ smaller
         yield self.mover, "location", (head - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
         going = {one.bone for one in self.along}
@@ -395,7 +396,7 @@ class ReadyRig:
         if self.along:
             heads = np.stack([place_of(self.rest, turns, hips, at) for at in range(len(self.bones))], axis=1)
             heads = (heads - self.place[:3, 3]) @ smaller
-            turns = (back @ turns.swapaxes(0, 1) @ np.linalg.inv(self.axes)).swapaxes(0, 1)
+            turns = (back @ turns.swapaxes(0, 1) @ to_axes).swapaxes(0, 1)
         for control in self.along:
             yield from control.channels(heads, turns, self.matrices[:, :3, 3])
 

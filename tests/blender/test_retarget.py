@@ -283,7 +283,7 @@ def test_in_a_scene_of_another_rate_a_rig_moves_at_its_own_speed(shown):
 
 
 def test_keys_have_no_handles_until_blender_lays_them_for_who_makes_curves_of_the_lines(shown):
-    """To lay them takes half of the time that making the keys does."""
+    """To lay them takes twice as long as all else that makes keys."""
     rig = mixamo()
     retargeted(rig)
     curve = ours("scene.ownership").curves_of(rig)[0]

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import pytest
 
@@ -131,6 +131,12 @@ def test_a_name_too_long_is_refused_and_one_that_just_fits_is_taken(tmp_path):
 def test_the_name_of_a_device_is_refused(tmp_path, name):
     refused("cannot be the name of a file", tmp_path / name)
     refused("cannot be the name of a file", tmp_path / name, overwrite=True)
+
+
+@pytest.mark.filterwarnings("error")
+def test_names_of_devices_are_told_without_a_warning_of_python():
+    told = [name for name in ("aux.tar.c3d", "new/nul", "auxiliary.c3d") if whole._is_reserved(PureWindowsPath(name))]
+    assert told == ["aux.tar.c3d", "new/nul"]
 
 
 @pytest.mark.skipif(os.name != "nt", reason="other systems replace files that are open")

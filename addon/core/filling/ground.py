@@ -291,8 +291,8 @@ def _plants(path: np.ndarray, slow: np.ndarray, tilt: np.ndarray, least: int, fa
             continue
         here = both[start:stop]
         middle = np.median(here[np.isfinite(here).all(axis=1)], axis=0)  # nanmedian takes five times as long
-        off, place = np.nan_to_num(here - middle), middle[:3]
-        off, more = off[:, :3], off[:, 3]
+        place, apart = middle[:3], np.nan_to_num(here - middle)
+        off, more = apart[:, :3], apart[:, 3]
         off[:, 2] -= np.clip(off[:, 2], np.minimum(more, 0), np.maximum(more, 0))
         if np.linalg.norm(off, axis=1).max() <= ON_GROUND.reach_m:
             found.append((start, stop, place))

@@ -134,7 +134,7 @@ def matrix_to_quaternion(matrix: np.ndarray) -> np.ndarray:
 
 
 def _parts_of(matrix: np.ndarray) -> np.ndarray:
-    """(..., 4, 4) products of the parts of the quaternion, times four, which are linear in the matrix."""
+    """(..., 4, 4) products of the parts of the quaternion, times four: the matrix's numbers, added to constants."""
     products = np.empty((*matrix.shape[:-2], 4, 4))
     trace = np.trace(matrix, axis1=-2, axis2=-1)
     products[..., 0, 0] = 1 + trace
@@ -146,7 +146,7 @@ def _parts_of(matrix: np.ndarray) -> np.ndarray:
     return products
 
 
-# (16,) and (9, 16), by which the nine numbers of a rotation become these products at once.
+# (16,) the constants, and (9, 16) by which the nine numbers of a rotation become these products at once.
 PARTS_OF_NONE = _parts_of(np.zeros((3, 3))).ravel()
 PARTS_TABLE = _parts_of(np.eye(9).reshape(9, 3, 3)).reshape(9, 16) - PARTS_OF_NONE
 

@@ -108,8 +108,8 @@ class Model:
     training_takes: tuple[TrainingTake, ...] = ()  # what it was trained on, a take each; empty where that was left out
     history: ModelHistory = NO_HISTORY  # who taught it what, and when
     fingerprint: str = ""  # of the file that it was read from, whatever its history; empty for one that was not
-    # a likelihood of some of those it learned from, who are more alike: for takes of which single frames are not sure
-    # by the first; None of most
+    # a likelihood of some of those it learned from, who are more alike: for takes of one subject of which single frames
+    # are not sure by the first; most models have none
     second: Likelihood | None = None
 
     @property

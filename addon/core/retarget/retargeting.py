@@ -169,11 +169,11 @@ class BodyInMotion:
         return self.character.heads[self.at[part]]
 
     def turned(self, part: str, rest: np.ndarray = UNTURNED) -> np.ndarray:
-        """(F, 3, 3) how what is `rest` (3, 3) on a bone of the standing body, not of the T-pose, is turned."""
+        """(F, 3, 3) how axes turn with a bone that are `rest` (3, 3) where the body stands, not in the T-pose."""
         return self.rotated[:, self.character.segment[self.at[part]]] @ (FACING.T @ rest)
 
     def aimed(self, part: str, rest: np.ndarray) -> np.ndarray:
-        """(F, 3, 3) how what is `rest` (3, 3) on a bone of the T-pose is turned."""
+        """(F, 3, 3) how axes turn with a bone that are `rest` (3, 3) in the T-pose."""
         bone = self.at[part]
         return self.rotated[:, self.character.segment[bone]] @ (self.character.turns[bone].T @ rest)
 
@@ -348,7 +348,8 @@ def _with_legs(rig: Rig, body: BodyInMotion, posed: Posed, footing: Footing) -> 
 
 def _plant(rig: Rig, body: BodyInMotion, side: str, posed: Posed, footing: Footing, aligned: np.ndarray):
     """Changes the turns of a leg so that its planted foot does not slide; before and after that fades."""
-    turns, (thigh, shank, foot) = posed[0], (leg := [rig.at[f"{part}.{side}"] for part in LEG])
+    turns, leg = posed[0], [rig.at[f"{part}.{side}"] for part in LEG]
+    thigh, shank, foot = leg
     rows, ankle = _standing(rig, body, side, posed, footing)
     hip, begin = (place_of(rig, *posed, at)[rows] for at in (thigh, foot))
     far, ball = np.linalg.norm(begin - hip, axis=1), _ball(rig, side) - rig.heads[foot]
@@ -479,10 +480,11 @@ def place_of(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.nd
 def _reaching(
     rig: Rig, limb: list[int], upper: np.ndarray, lower: np.ndarray, goal: np.ndarray, hinge: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The turns (F, 3, 3) of a limb's two upper bones so that the third begins at goals (F, 3) m from where it begins.
+    """The turns (F, 3, 3) of a limb's two upper bones by which its third begins at goals (F, 3) m, or near them.
 
-    Or near to those out of reach. `hinge` (3,) is the axis of the upper bone at rest that the lower one bends about. It
-    bends more or less about that, which leaves what it bends sideways, and both swing together the least.
+    Goals are from where the limb begins; near them is where these are too far. `hinge` (3,) is the axis of the upper
+    bone at rest that the lower one bends about. It bends more or less about that, which leaves what it bends sideways,
+    and both swing together the least.
     """
     first, second = np.diff(rig.heads[limb], axis=0)
     one, two = float(np.linalg.norm(first)), float(np.linalg.norm(second))

@@ -2,31 +2,35 @@
 """Takes that a model is not for, or that cannot be as they say; and frames in no order, which teach their subject."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from addon.core.body.sides import MIRROR
 from addon.core.data.errors import ForceableError, JobError
 from addon.core.data.progress import finished
-from addon.core.data.takes import BY_LIKELIHOOD, Labels
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, Labels
 from addon.core.geometry import rotations
 from addon.core.points import refusals, unordered
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.learn import Trial, learn_likelihood, make_trial
 from addon.core.points.models import Model, namer_of
 from addon.core.points.motion import LabelledPoints
-from addon.core.points.possible import refuse_impossible, refuse_labelled, slow_words
+from addon.core.points.possible import MEND_POINTS, MirroredError, refuse_impossible, refuse_labelled, slow_words
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.tracklets import cut
 from addon.core.points.unordered import is_unordered, learn_subject
+from addon.core.points.whole_take.mirrored import refuse_mirrored
 from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.core.simulation.virtual import Act
 from addon.core.training.segments import segment_markerset
 from addon.io.models import open_model
 from addon.io.points import read_points
+from tests.core.data.test_takes import packed
 from tests.core.scenes import RATE, anonymous, walker
 
 PLATES = 3  # of four markers each
@@ -95,8 +99,26 @@ def test_a_take_that_the_first_likelihood_refuses_is_named_by_the_second():
     take = anonymous(walk, 60.0)
     with pytest.raises(JobError, match="does not look like a take of model body39"):
         finished(label_take(take, replace(model, second=None), PointOptions("likelihood")))
-    given = finished(label_take(take, model, PointOptions("likelihood"))).labels.marker
-    assert (given == own).mean() > 0.9
+    for force in (False, True):
+        given = finished(label_take(take, model, PointOptions("likelihood", force=force))).labels.marker
+        assert (given == own).mean() > 0.9
+
+
+@pytest.mark.parametrize("laned", [False, True])
+def test_a_mirrored_take_is_told_by_frames_of_enough_named_markers_whatever_is_named(laned):
+    """Most frames show three of them, which look the same in a mirror."""
+    model, walk = open_model("body39"), walker("body39", 3, [Act(FRAMES / 60)])[:FRAMES]
+    walk[: 2 * FRAMES // 3, 3:] = np.nan
+    for points in (walk, walk * MIRROR):
+        take = packed(points) if laned else anonymous(points)
+        named = np.where(np.isfinite(take.xyz[..., 0]), np.arange(take.xyz.shape[1]), NO_MARKER)
+        named[named == model.markerset.markers.index("RBAK")] = NO_MARKER
+        refuse = partial(refuse_mirrored, take, named, [model], MEND_POINTS)
+        if points is walk:
+            refuse()
+        else:
+            with pytest.raises(MirroredError, match="single frames fit the mirror image of body39 clearly better"):
+                refuse()
 
 
 @pytest.mark.parametrize("distance", [1.5, 4.0])

@@ -111,8 +111,8 @@ def learn_constraints(
     ).transpose(1, 0, 2)
     count = np.isfinite(lengths).sum(axis=0)
     within = np.sqrt(mean_seen(spreads))
-    # Two names of one place keep no distance.
-    stiff = (mean_seen(lengths) > 0) & (within < CONSTRAINING.max_sd_radii * radius)
+    apart = (lengths != 0).all(axis=0)  # two names of one place, be it of a single subject, keep no distance
+    stiff = (count > 0) & apart & (within < CONSTRAINING.max_sd_radii * radius)
     if not stiff.any():
         raise InputError(
             "no two markers keep their distance; expected labels that stay on one marker for all of a take"

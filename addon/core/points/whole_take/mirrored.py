@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether the points of a take are the mirror image of who is in it, by which of the two single frames are likelier."""
+"""Whether a take of points is mirrored, by whether its single frames or their mirror images are likelier."""
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,19 +16,18 @@ from .solving import MARGINS
 
 
 def refuse_mirrored(take: Points, marker: Table, models: list[Model], expected: str):
-    """Raises MirroredError where the take's frames are likelier somebody's mirror image, as surely as a name has to be.
+    """Raises MirroredError where the mirror images of the take's frames are likelier, as surely as a name has to be.
 
     marker (T, L) is how its points are named, with the markers of one model after those of another. What tells left
-    from right may have no name: in some frames all points are asked that nobody else has. A set that has all markers
-    twice is as likely either way. Of rigid bodies single frames know those of the training alone, and a single subject
-    may wear them higher on one side. `expected` is what mends it.
+    from right may have no name: of some frames, all points are asked about that nobody else has. A set that has all
+    markers twice is as likely either way. Models on rigid bodies, or of one subject, are not asked: single frames know
+    the rigid bodies of the training alone, and one subject may wear markers higher on one side. `expected` mends it.
     """
     frames = evenly_spread(len(take.xyz), FRAMES_ASKED)
     some = take.in_order(frames)
-    named = some.of(marker[frames])
-    first = 0
+    named, there, first = some.of(marker[frames]), np.isfinite(some.xyz[..., 0]), 0
     for model in models:
-        own = (named >= first) & (named < first + len(model.markerset))
+        own = there & (named >= first) & (named < first + len(model.markerset))
         first += len(model.markerset)
         seen = own.sum(axis=1) > MIN_POINTS
         likelihood = model.likelihood
@@ -38,5 +37,5 @@ def refuse_mirrored(take: Points, marker: Table, models: list[Model], expected: 
         with threadpool_limits(1, user_api="blas"):
             plain, image = (scores(likelihood, one) for one in (points, points * MIRROR))
         if MARGINS.looks * np.median(image - plain) >= least_margin(USUAL_TARGET):
-            why = f"its points are likelier the mirror image of who wears {model.markerset.name}"
+            why = f"single frames fit the mirror image of {model.markerset.name} clearly better"
             raise mirrored_error(why, expected)

@@ -29,6 +29,7 @@ from ..motion import LabelledPoints, by_marker, take_motion
 from ..possible import refuse_impossible
 from ..refusals import (
     NO_FIT,
+    REFUSAL,
     Sample,
     SubjectsError,
     UnsuitedError,
@@ -37,6 +38,7 @@ from ..refusals import (
     refuse_two_groups,
     refuse_unlike,
     refuse_unrecognised,
+    sure_share,
 )
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
@@ -204,9 +206,9 @@ def _labelled(
 def _likelier(
     take: Points, tracklet: np.ndarray, model: Model, options: PointOptions
 ) -> Steps[tuple[NamedFrames, Solution | None, Verdict]]:
-    """What frames say, and what the take as a whole comes to; where frames are not sure, by either likelihood.
+    """What frames say, and what the take as a whole comes to; where frames are not sure, by the model's second, too.
 
-    That of which the markers sit likelier is kept. UnsuitedError where it is refused by each.
+    Of both likelihoods that is kept by which the markers sit likelier. UnsuitedError where each refuses the take.
     """
     found, refusals, asked = [], [], [model]
     if model.second is not None and options.method == "likelihood":
@@ -285,7 +287,10 @@ def name_frames(
             model = replace(model, likelihood=likelihood)
             again = namer_of(model, options.method)
             given = yield from _asked(again, take, asked)
-    sure = sample is None or sample.sure
+    if sample is not None:
+        sure = sample.sure
+    else:  # of a forced take nobody has looked
+        sure = not options.force or sure_share(labels, points, len(model.markerset)) >= REFUSAL.min_sure
     return NamedFrames(take, tracklet, model, recognition, namer, given, solvable, room, sure, options.search)
 
 

@@ -144,9 +144,12 @@ def test_training_says_what_is_wrong_with_takes():
 
 
 @pytest.mark.filterwarnings("error")
-def test_two_names_of_one_place_keep_no_distance():
-    cloud = walker(1)
-    found = learn_constraints([np.concatenate([cloud, cloud[:, :1]], axis=1)], 0.5)
+@pytest.mark.parametrize("subjects", [1, 2])
+def test_two_names_of_one_place_keep_no_distance(subjects):
+    """Of the first subject; of another there are two places."""
+    walkers = ((walker(1 + which), 0.02 * which) for which in range(subjects))
+    clouds = [np.concatenate([cloud, cloud[:, :1] + apart], axis=1) for cloud, apart in walkers]
+    found = learn_constraints(clouds, 0.5)
     assert (0, len(NAMES)) not in {tuple(pair) for pair in found.pair.tolist()}
     assert (found.length > 0).all()
 
