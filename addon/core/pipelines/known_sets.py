@@ -36,7 +36,7 @@ from ..data.physical import MARKER_LIMITS
 from ..data.progress import Progress, Steps, finished, in_stages, within
 from ..data.takes import NO_MARKER, Labels, Points, evenly_spread
 from ..points.models import Model, namer_of
-from ..points.possible import refuse_impossible
+from ..points.possible import FRAMES_TRIED, refuse_impossible
 from ..points.refusals import REFUSAL, UnsuitedError, far_groups, points_at_a_time, refuse_floods
 from ..points.tracklets import cut
 from ..points.whole_take.objective import OBJECTIVE, Objective, usual_fit
@@ -44,7 +44,6 @@ from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, label
 from ..points.whole_take.solving import MARGINS, solve_take
 
 HOW_TO_TURN = "by --up"  # on the command line; Blender puts words of its sidebar there
-FRAMES_TRIED = 12  # that say which is likeliest: memory and time
 TRIED_S = 2.0  # of the take, around its middle, that is labelled again: memory and time
 
 

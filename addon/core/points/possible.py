@@ -55,6 +55,7 @@ class POSSIBLE:
 
 
 FRAMES_ASKED = 40  # spread over a take, of which something slow is asked; by time
+FRAMES_TRIED = 12  # the same, of which it is asked in several ways; by time
 FRAMES_LOOKED_AT = 200  # spread over the take, and
 COLUMNS_LOOKED_AT = 100  # which have the most points; by time
 FRAMES_THAT_TELL = 20  # of which a quarter is more than chance

@@ -10,7 +10,7 @@ from ...data.takes import Points, evenly_spread
 from ...geometry.rigid import MIN_POINTS
 from ..likelihood.frames import scores
 from ..models import USUAL_TARGET, Model
-from ..possible import FRAMES_ASKED, mirrored_error
+from ..possible import FRAMES_TRIED, mirrored_error
 from .deciding import least_margin
 from .solving import MARGINS
 
@@ -23,7 +23,7 @@ def refuse_mirrored(take: Points, marker: Table, models: list[Model], expected: 
     markers twice is as likely either way. Models on rigid bodies, or of one subject, are not asked: single frames know
     the rigid bodies of the training alone, and one subject may wear markers higher on one side. `expected` mends it.
     """
-    frames = evenly_spread(len(take.xyz), FRAMES_ASKED)
+    frames = evenly_spread(len(take.xyz), FRAMES_TRIED)
     some = take.in_order(frames)
     named, there, first = some.of(marker[frames]), np.isfinite(some.xyz[..., 0]), 0
     for model in models:
