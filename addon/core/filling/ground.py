@@ -10,6 +10,7 @@ the way. Toes bend up from the floor where the heel lifts. All else stays as it 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..body.sides import BODY_SIDES
 from ..geometry import rotations
@@ -138,11 +139,8 @@ def _calmed(rotated: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
 def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
     """A smooth curve, nowhere below values (F, S) or 0, that comes and goes within so many frames; NaN counts as 0."""
     half = max(frames // 2, 1)
-    most, size = np.pad(np.maximum(np.nan_to_num(values), 0.0), ((2 * half, 2 * half), (0, 0))), 1
-    while size <= 4 * half:  # the most of so many frames
-        step = min(size, 4 * half + 1 - size)
-        most, size = np.maximum(most[:-step], most[step:]), size + step
-    return eased(most, half)
+    around = np.pad(np.maximum(np.nan_to_num(values), 0.0), ((2 * half, 2 * half), (0, 0)))
+    return eased(sliding_window_view(around, 4 * half + 1, axis=0).max(axis=-1), half)
 
 
 def eased(values: np.ndarray, half: int) -> np.ndarray:
