@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -175,6 +176,15 @@ def test_the_code_imports_what_the_architecture_allows_of_parts_that_are_there()
     known = {path.stem for path in (ROOT / "addon").iterdir() if path.suffix == ".py" or path.is_dir()}
     libraries = {"bpy", "distributed", "lzallright", "olefile", "scipy", "threadpoolctl"}
     assert set(allowed) <= known and set().union(*allowed.values()) <= known | libraries
+
+
+def test_no_file_imports_itself_by_way_of_others():
+    addon, graph = ROOT / "addon", {}
+    for path in addon.rglob("*.py"):
+        wanted = [addon.joinpath(*module) for module in imports_of(path)]
+        files = [one.with_suffix(".py") if not one.is_dir() else one / "__init__.py" for one in wanted]
+        graph[path] = [one for one in files if one.exists()]
+    assert len(list(TopologicalSorter(graph).static_order())) == len(graph) > 100
 
 
 def test_every_folder_of_core_has_its_line_in_the_architecture_and_imports_only_those_above():

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .cameras import MAX_CAMERA_NUMBER, RigCamera, lens, numbers_in, refuse_crowd, rig, rotation_of
+from .rig_cameras import MAX_CAMERA_NUMBER, RigCamera, lens, numbers_in, refuse_crowd, rig, rotation_of
 from .source import MAX_CALIBRATION_BYTES, read_text
 from .world import z_up
 

@@ -16,7 +16,8 @@ from ..core.data.made import IN_MEMORY, MakeTable, Scaled
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
-from .c3d.reading import TrialFile, open_c3d
+from .c3d.file import TrialFile
+from .c3d.reading import open_c3d
 from .c3d.writing import write_c3d_file
 from .qtm.capture import USE_POINTS, held_in, is_qtm
 from .qtm.records import read_qtm_points

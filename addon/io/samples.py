@@ -11,7 +11,7 @@ from ..core.data.lanes import Lanes, blocks
 from ..core.data.made import IN_MEMORY, MakeTable
 
 if TYPE_CHECKING:
-    from .c3d.reading import TrialFile
+    from .c3d.file import TrialFile
 
 
 @dataclass(frozen=True, eq=False)

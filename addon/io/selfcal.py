@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras, distort
-from .cameras import RigCamera, refuse_crowd, rig
+from .rig_cameras import RigCamera, refuse_crowd, rig
 from .source import MAX_CALIBRATION_BYTES, numbers, read_text
 from .world import z_up
 

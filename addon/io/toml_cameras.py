@@ -11,7 +11,7 @@ from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
-from .cameras import RigCamera, lens, numbers_in, refuse_crowd, rig, rotation_of
+from .rig_cameras import RigCamera, lens, numbers_in, refuse_crowd, rig, rotation_of
 from .source import toml_document
 from .world import z_up
 

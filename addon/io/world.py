@@ -11,7 +11,9 @@ from ..core.data.lanes import Lanes, blocks, trajectories_at
 from ..core.data.made import Scaled
 from ..core.geometry.camera_up import guess_up, turned
 from ..core.geometry.cameras import Cameras
-from .cameras import Z_UP_FROM_Y_UP
+
+# A world with y up into ours with z up: x stays, y becomes z, z becomes -y.
+Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 # Metres in one of each unit that files name.
 UNITS = {

@@ -12,7 +12,7 @@ from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.cameras import Cameras
 from ..core.geometry.rotations import quaternion_to_matrix
-from .cameras import SUBPIXELS, RigCamera, refuse_crowd, rig
+from .rig_cameras import SUBPIXELS, RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
 from .world import z_up
 

@@ -38,7 +38,8 @@ from ..io.report import facts_of_cameras
 from ..io.scratch import scratch_folder
 from ..io.tables import Room, RowFile
 from .job import LabelJob, facts_of_capture, timed
-from .labelling import OpenTake, Results, TakePart
+from .open_take import OpenTake, TakePart
+from .results import Results
 
 if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.filling.rays import MarkerRays

@@ -18,7 +18,7 @@ from ..core.filling.smoothing import count_smoothed
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..io.blobs import read_blobs
-from ..io.c3d.reading import TrialFile
+from ..io.c3d.file import TrialFile
 from ..io.filled import kept_rows, write_filled
 from ..io.labels import POINT_KEYS, LabelWriter, point_keys
 from ..io.points import read_points, write_c3d, write_trc

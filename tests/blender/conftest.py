@@ -207,7 +207,7 @@ def shown(empty, made, extension) -> Take:
 def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
     """Lets the extension name the trajectories of points by a naming that knows: the marker of each, or NO_MARKER."""
     pipeline = ours("core.points.whole_take.pipeline")
-    jobs = ours("jobs.labelling")
+    jobs = ours("jobs.points")
     takes = ours("core.data.takes")
 
     def know(truth: np.ndarray):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER
+from addon.io.c3d.file import C3dFile
 from addon.io.c3d.lab import read_lab
-from addon.io.c3d.reading import C3dFile
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_trc
 from addon.scene import naming

@@ -10,8 +10,9 @@ import c3d
 import ezc3d
 import numpy as np
 
+from addon.io.c3d.file import MIPS, C3dFile, find_layout, point_texts, words_of
 from addon.io.c3d.kept import OURS
-from addon.io.c3d.reading import MIPS, C3dFile, find_layout, marker_indices, point_texts, words_of
+from addon.io.c3d.reading import marker_indices
 
 # What is said of rotations that are somewhere else now, or some of them.
 TURNS = "ROTATION:DATA_START", "ROTATION:FRAMES"

@@ -12,8 +12,9 @@ from addon.core.geometry.cameras import Cameras
 from addon.core.papers.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.core.points.models import CheckedTake, Model, ModelHistory, ModelVersion, TaughtTake, TrainingTake
 from addon.core.simulation.rigs import ring_rig
-from addon.io.cameras import Z_UP_FROM_Y_UP, write_cameras
+from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
+from addon.io.world import Z_UP_FROM_Y_UP
 from tests.core.toybody import toy_markerset
 from tests.io.c3d_layouts import DEC, MIPS, Layout
 from tests.io.qtm_file import FILLED, MEASURED, Recording, Trajectory, write_qtm

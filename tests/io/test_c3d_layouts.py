@@ -10,8 +10,8 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
+from addon.io.c3d.file import C3dFile
 from addon.io.c3d.lab import read_lab
-from addon.io.c3d.reading import C3dFile
 from addon.io.c3d.writing import first_number, write_c3d_file
 from addon.io.points import read_points, write_c3d
 from tests import recorded

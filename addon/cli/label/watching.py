@@ -14,8 +14,8 @@ from ...io.scratch import take_away_own
 from ...jobs import LabelJob, label_for_report
 from ..console import complain, print_results
 from ..workers import crew
+from .batch import Answer, Batch, for_take
 from .options import as_job
-from .running import Answer, Batch, for_take
 
 
 class Watch:

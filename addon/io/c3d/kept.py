@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ..source import BytesOnDisk
-from .reading import BLOCK, SIXTEEN_BITS, C3dFile, Parameter, TrialFile, point_texts, trial_range, words_of
+from .file import BLOCK, SIXTEEN_BITS, C3dFile, Parameter, TrialFile, point_texts, trial_range, words_of
 
 # What of a file is written of the take that is written.
 OURS = re.compile(r"POINT:(USED|SCALE|RATE|DATA_START|FRAMES|LONG_FRAMES|(LABELS|DESCRIPTIONS)\d*)")

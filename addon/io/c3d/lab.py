@@ -5,8 +5,8 @@ import numpy as np
 
 from ...core.data.lanes import blocks
 from ...core.geometry.force_plates import NO_LAB, ForcePlate, LabRecords, force_on_plate
+from .file import C3dFile, TrialFile, as_text, words_of
 from .kept import EVENT_COUNT, EVENT_KEY, EVENT_LABELS, EVENT_TIMES, NEW_KEY, Kept, kept_of
-from .reading import C3dFile, TrialFile, as_text, words_of
 
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # of each kind of plate; format
 NEWTON_METRES = ("nm", "n.m", "n*m", "n-m")

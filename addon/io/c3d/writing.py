@@ -15,8 +15,8 @@ from ...core.data.lanes import blocks
 from ...core.data.made import Table
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ..samples import TextHead
+from .file import BLOCK, INTEL, MASK_KEY, TrialFile
 from .kept import NO_ROOM, TURNS_START, Kept, kept_of, packed_record
-from .reading import BLOCK, INTEL, MASK_KEY, TrialFile
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
 RESIDUAL_STEP = 0.05

@@ -13,7 +13,7 @@ from ...core.data.errors import InputError
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ...core.data.wording import count_of
 from ...core.geometry.cameras import Cameras
-from ..cameras import MAX_CAMERA_NUMBER, SUBPIXELS, RigCamera, refuse_crowd, rig
+from ..rig_cameras import MAX_CAMERA_NUMBER, SUBPIXELS, RigCamera, refuse_crowd, rig
 from ..world import z_up
 from .container import KIND, Container, Cursor, Item, Series, read_items, read_schema
 

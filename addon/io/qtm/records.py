@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.geometry.cameras import Cameras
-from ..cameras import SUBPIXELS
+from ..rig_cameras import SUBPIXELS
 from ..rows import MAX_PIXEL, Rows
 from ..samples import PointFile, Samples
 from .capture import CAMERA_DATA, TRAJECTORY_DATA, QtmCamera, QtmCapture

@@ -15,7 +15,7 @@ from ..models import Model, Namer
 from ..refusals import REFUSAL, Sample, SubjectsError, UnsuitedError, refuse_others
 from ..whole_take.objective import usual_fit
 from ..whole_take.pipeline import NamedFrames, PointOptions, Refuse, Steps, name_frames, solution_for
-from ..whole_take.solving import Solution
+from ..whole_take.solution import Solution
 from ..whole_take.tracklets import FrameLabels
 from .affinity import Affinity
 from .parting import firm_tracklets, is_whole

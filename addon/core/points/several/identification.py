@@ -24,7 +24,8 @@ from ..whole_take.likeness import NO_EVIDENCE, likeness
 from ..whole_take.matching import leads
 from ..whole_take.pairs import PairDistances, in_take, moments, trained_pairs, widened
 from ..whole_take.pipeline import PointOptions
-from ..whole_take.solving import MARGINS, ROUNDS, Solution
+from ..whole_take.solution import Solution
+from ..whole_take.solving import MARGINS, ROUNDS
 from ..whole_take.tracklets import Tracklets, seen_in, tracklets_of
 from .bodies import Crowd, NamedBody
 from .parting import NO_BODY, usual_count

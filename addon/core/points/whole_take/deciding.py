@@ -19,7 +19,7 @@ from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over, gone_over_between, vote
 from .layout import Question
 from .objective import OBJECTIVE
-from .solving import Solution
+from .solution import Solution
 from .tracklets import FrameLabels
 
 

@@ -36,8 +36,7 @@ from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout_odds import LayoutOdds
 from .likeness import LIKENESS, likeness, links, worth_of_length
 from .pairs import PAIRING, Moments, PairDistances, corrected, moments, trained_pairs, widened, with_unknown
-from .rulings import RULING
-from .tracklets import FrameLabels, PlacedMarkers, Tracklets, seen_in
+from .tracklets import RULING, FrameLabels, PlacedMarkers, Tracklets, seen_in
 
 
 @dataclass(frozen=True)

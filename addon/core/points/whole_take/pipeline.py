@@ -45,7 +45,8 @@ from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
 from .deciding import can_be_solved, once, verdict_of
 from .rulings import Rulings
 from .search import Moves
-from .solving import Solution, solve_take
+from .solution import Solution
+from .solving import solve_take
 from .tracklets import FrameLabels, labels_between
 
 if TYPE_CHECKING:  # most sets are on no rigid bodies

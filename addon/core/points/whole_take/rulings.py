@@ -8,23 +8,14 @@ how far markers are from each other in this take, and which of two is which foll
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...data.takes import BY_EDIT, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from ...edits.replay import ANYBODY, FREE, NOBODY, Edited
 from ..refusals import REFUSAL
-from .tracklets import Tracklets
-
-if TYPE_CHECKING:
-    from .solving import Solution
-
-
-class RULING:
-    """How much edits say."""
-
-    odds: float = 1000.0  # format: log odds of what a person said: more than all frames and distances together
+from .solution import Solution
+from .tracklets import RULING, Tracklets
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +25,7 @@ class Rulings:
     edited: Edited
     before: Labels  # its labels without them, and `edited` with them
     tracklet: np.ndarray  # (T, P) the number of each point's tracklet
-    solved: "Solution | None"  # what the take came to without them, None where it was not solved
+    solved: Solution | None  # what the take came to without them, None where it was not solved
 
     @cached_property
     def carried(self) -> np.ndarray:

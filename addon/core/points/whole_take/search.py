@@ -32,7 +32,7 @@ from .objective import (
     lasting,
 )
 from .pairs import without_markers
-from .rulings import RULING
+from .tracklets import RULING
 
 
 class SEARCH:

@@ -8,23 +8,24 @@ there the `search` climbs the `objective`, in which what is always there beside 
 """
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ...data.made import Table
 from ...data.takes import NO_MARKER
 from ..models import Model
-from ..refusals import NO_FIT, REFUSAL, SetFit
+from ..refusals import REFUSAL
 from .layout import Question, named_by_layout
 from .layout_odds import LayoutOdds, Unmoved
 from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, lasting, usual_fit
 from .pairs import in_take, stood
-from .rulings import RULING, Rulings
+from .rulings import Rulings
 from .search import SEARCH, Moves, Search
-from .tracklets import FrameLabels, Tracklets, tracklets_of
+from .solution import Solution
+from .tracklets import RULING, FrameLabels, Tracklets, tracklets_of
 
 
 class ROUNDS:
@@ -45,24 +46,6 @@ class MARGINS:
     # people lose 4 to 9 % of their labels, with 2.75 takes of other labs have wrong ones
     looks: float = 1.5  # measured
     there: float = 3.0  # measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """What a take as a whole says of its N tracklets."""
-
-    tracklets: Tracklets
-    marker: np.ndarray  # (N,) of each, NO_MARKER for none
-    every: np.ndarray  # (N,) the same with the names of `extras` unmodelled markers, which follow on the set's
-    extras: int
-    margin: np.ndarray  # (N,) log odds by which that is ahead of any other name, or none
-    rivals: tuple[np.ndarray, ...]  # other names (N,), of which each tracklet's nearest rival is one
-    likely: np.ndarray  # (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
-    questions: tuple[Question, ...]  # markers that may have another's name in most of the take
-    crowd: bool = False  # whether more is on the subject than the set's markers
-    fit: SetFit = NO_FIT  # how the markers sit as their set has them; the residual in a crowd alone
-    # (M, K) the nearest of each marker, one of which has to be there with it; None where that is not asked
-    near: np.ndarray | None = None
 
 
 def solve_take(

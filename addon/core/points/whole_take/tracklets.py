@@ -20,6 +20,12 @@ class VOTING:
     samples: int = 12  # memory: frames whose distances are asked
 
 
+class RULING:
+    """How much edits say."""
+
+    odds: float = 1000.0  # format: log odds of what a person said: more than all frames and distances together
+
+
 @dataclass(frozen=True, eq=False)
 class Tracklets:
     """N tracklets of a take."""

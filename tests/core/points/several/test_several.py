@@ -26,7 +26,7 @@ from addon.core.points.several.together import FinerBodies
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer, kinds
 from addon.core.points.whole_take.deciding import least_margin
 from addon.core.points.whole_take.pipeline import PointOptions
-from addon.core.points.whole_take.solving import Solution
+from addon.core.points.whole_take.solution import Solution
 from addon.core.points.whole_take.tracklets import tracklets_of
 from addon.core.posing.finer import finer
 from addon.core.simulation.virtual import Act, draw_person

@@ -22,7 +22,8 @@ from addon.core.points.whole_take.objective import USUAL_FREEDOM, Objective, ful
 from addon.core.points.whole_take.pairs import PairDistances, in_take, moments, trained_pairs
 from addon.core.points.whole_take.rulings import Rulings
 from addon.core.points.whole_take.search import Search
-from addon.core.points.whole_take.solving import Solution, solve_take
+from addon.core.points.whole_take.solution import Solution
+from addon.core.points.whole_take.solving import solve_take
 from addon.core.points.whole_take.tracklets import Tracklets, seen_in, tracklets_of
 from tests.core.scenes import in_pieces
 
