@@ -87,6 +87,8 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
         what = f"is of a run that differs in {', '.join(other)}"
         raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
     missing, changed = _results_now(path, report)
+    if report["provenance"].get("report") != _digest_of(report):
+        changed.append(path)
     if changed:
         raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", changed[0])
     return report, bool(missing)

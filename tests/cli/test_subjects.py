@@ -20,7 +20,7 @@ from addon.core.data.takes import Points
 from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.points import read_points, write_c3d
-from addon.io.provenance import earlier_run
+from addon.io.provenance import earlier_run, sealed
 from addon.io.text import write_json
 from addon.jobs.job import made_of
 from tests.inputs.walkers import RATE, WORN, write_pair, write_seen
@@ -139,7 +139,7 @@ def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
     assert (elsewhere.wearers, elsewhere.own) == ((("ann", WORN), ("bob", str(model))), tmp_path / "own")
     swapped = replace(job, wearers=(("ann", str(model)), ("bob", WORN)))
     report = tmp_path / "pair.report.json"
-    write_json(report, {"take": "pair", "provenance": made_of(swapped) | {"results": {}}})
+    write_json(report, sealed({"take": "pair", "provenance": made_of(swapped) | {"results": {}}}))
     now = made_of(replace(job, wearers=(("ann", WORN), ("bob", str(model)))))
     assert earlier_run(report, now)[0] is not None, "the same content"
     with pytest.raises(InputError, match="differs in --subject;"):
