@@ -48,7 +48,7 @@ def read_report(path: Path, wanted: str = f"the report of an earlier run, {INSTE
         # The results lie beside the report, whatever a report says.
         if whole and all(Path(ending).name == ending for ending in made["results"]):
             return report
-    except (InputError, OSError, AttributeError, LookupError, TypeError):
+    except (InputError, AttributeError, LookupError, TypeError):
         pass
     raise InputError(f"does not say what it was made of; expected {wanted}", path)
 
