@@ -84,6 +84,8 @@ def test_a_take_outside_the_room_is_moved_on_request(simulate, room, tmp_path):
     assert "--centre" in simulate(take=tmp_path / "away.c3d").refusal(1), "there are ghosts alone"
     assert not (tmp_path / "sim.csv").exists()
     assert simulate("--centre", take=tmp_path / "away.c3d").status == 0
+    reason = simulate("--dropout", "1", "--overwrite").refusal(1)
+    assert "no marker gives a blob by these options" in reason and "room" not in reason.rpartition(": ")[2]
 
 
 def test_markers_that_no_model_has_subjects_names_and_a_take_of_another_kind(simulate, room, tmp_path):
