@@ -9,7 +9,7 @@ import pytest
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Blobs, Labels
-from addon.core.filling.filling import FILL_METHODS, FilledGap, FilledTake, FillOptions, fill_take, kept_fills_of
+from addon.core.filling.filling import FILL_METHODS, PLAIN, FilledGap, FilledTake, FillOptions, fill_take, kept_fills_of
 from addon.core.filling.gaps import Gap
 from addon.core.filling.kept import KeptFill, put_fills, replaced_fills, resting_on
 from addon.core.filling.rays import MarkerRays, constrained, rays_of
@@ -122,6 +122,18 @@ def test_nothing_is_drawn_beyond_the_ends_by_what_cannot_carry_it(chain):
     assert "are allowed at an end of the take" in strict.left[0].reason
     lonely = holed(chain[:, :1], (0, 0, 30))
     assert not filled(lonely).filled.any()
+
+
+def test_no_trial_is_made_twice(chain, monkeypatch):
+    tried = []
+
+    def carried(_take, gap, *_):
+        tried.append(gap)
+        return None if tried[1:] else chain[:1, 0]
+
+    monkeypatch.setitem(PLAIN, "rigid", carried)
+    filled(holed(chain, (5, 150, 151)), method="rigid")
+    assert len(tried) > 5 and len(set(tried)) == len(tried)
 
 
 def test_gaps_of_others_do_not_mislead_and_a_spline_bridges_where_nothing_else_is_known(chain):
