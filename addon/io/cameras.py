@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, of_file
 from ..core.geometry.cameras import Cameras
-from ..core.geometry.rotations import exponential
+from ..core.geometry.rotations import turn_of
 from .source import root_of_xml
 from .text import is_unicode
 
@@ -103,7 +103,7 @@ def rotation_of(values: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) of nine numbers, or of the three of a Rodrigues vector; NaN for none, which `rig` refuses."""
     if values.size == 9:
         return values.reshape(3, 3)
-    return exponential(values)[0] if np.abs(values).max() < MAX_CAMERA_NUMBER else np.full((3, 3), np.nan)
+    return turn_of(values) if np.abs(values).max() < MAX_CAMERA_NUMBER else np.full((3, 3), np.nan)
 
 
 def numbers_in(parts: Mapping, keys: Sequence[str], name: str, path: Path, *counts: int) -> np.ndarray:

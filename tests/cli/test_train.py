@@ -36,10 +36,10 @@ def creature(seed: int) -> np.ndarray:
     body = form.uniform([-0.4, -0.15, 0.4], [0.4, 0.15, 0.7], (5, 3)) + chance.normal(0, 0.006, (5, 3))
     head = form.uniform([-0.05, -0.1, 0.0], [0.25, 0.1, 0.2], (5, 3)) + chance.normal(0, 0.006, (5, 3))
     time = np.arange(150)[:, None] / 100
-    nod = rotations.exponential(np.column_stack([0 * time, 0.5 * np.sin(3 * time + seed), 0.4 * np.sin(2 * time)]))[0]
+    nod = rotations.turn_of(np.column_stack([0 * time, 0.5 * np.sin(3 * time + seed), 0.4 * np.sin(2 * time)]))
     heads = np.einsum("fij,mj->fmi", nod, head) + np.array([0.45, 0, 0.6])
     whole = np.concatenate([np.broadcast_to(body, (150, 5, 3)), heads], axis=1)
-    heading = rotations.exponential(np.column_stack([0 * time, 0 * time, seed + 0.8 * time]))[0]
+    heading = rotations.turn_of(np.column_stack([0 * time, 0 * time, seed + 0.8 * time]))
     walked = np.einsum("fij,fmj->fmi", heading, whole) + np.stack([time, 0.3 * time, 0 * time], axis=-1)
     return walked + chance.normal(0, 0.001, walked.shape)
 

@@ -14,7 +14,7 @@ from addon.core.filling.gaps import Gap
 from addon.core.filling.kept import KeptFill, put_fills, replaced_fills, resting_on
 from addon.core.filling.rays import MarkerRays, constrained, rays_of
 from addon.core.filling.smoothing import count_smoothed, smoothed
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import turn_of
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.virtual import Act, perform
 from tests.core.scenes import built_in, motion_of, person_of
@@ -33,7 +33,7 @@ def chain() -> np.ndarray:
     place, points = np.stack([time, 0.3 * np.sin(time), 0 * time], axis=1), []
     for index, form in enumerate(forms):
         bend = np.stack([np.sin((2 + index) * time), np.cos(3 * time + index), np.sin(time) + 0.4 * index], axis=1)
-        turn = exponential(0.8 * bend)[0]
+        turn = turn_of(0.8 * bend)
         soft = 0.004 * np.sin(5 * time)[:, None, None] * form
         points.append(place[:, None] + np.einsum("tij,tnj->tni", turn, form + soft))
         place = place + turn @ [0.3, 0, 0]
@@ -79,7 +79,7 @@ def test_measured_samples_stay_and_filled_ones_are_finite(chain, seed):
 
 @pytest.mark.parametrize("method", [method for method in FILL_METHODS if method != "body"])
 def test_what_is_filled_turns_and_moves_with_the_take(chain, method):
-    turn, place = exponential(np.array([0.3, -0.8, 2.0]))[0], np.array([3.0, -2.0, 0.5])
+    turn, place = turn_of(np.array([0.3, -0.8, 2.0])), np.array([3.0, -2.0, 0.5])
     cut = holed(chain, (2, 100, 140), (3, 120, 130), (11, 200, 206))
     here = filled(cut, method=method)
     there = filled(cut @ turn.T + place, method=method)

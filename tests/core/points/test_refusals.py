@@ -50,7 +50,7 @@ def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
         flat = shape.uniform(-0.12, 0.12, (4, 3))
         swing = np.hstack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + plate), time])
         at = np.array([0.35 * plate - 0.35, 0, 0.5 + 0.3 * plate])
-        parts.append(np.einsum("fij,mj->fmi", rotations.exponential(swing)[0], flat) + at)
+        parts.append(np.einsum("fij,mj->fmi", rotations.turn_of(swing), flat) + at)
     whole = np.concatenate(parts, axis=1)
     return whole + np.random.default_rng(seed).normal(0, 0.0004, whole.shape)
 
