@@ -40,6 +40,9 @@ def test_the_points_are_the_markers_without_names(reconstruct, room, tmp_path):
     assert np.nanmax(found.residual) < 0.02
     said = answer.json
     assert (said["trajectories"], said["frames"], said["rate_assumed"]) == (len(labels), 20, False)
+    there = np.isfinite(found.residual)
+    assert said["points"] == there.sum(), "and not what is left out"
+    assert said["residual_mm"] == pytest.approx(1000 * np.sqrt((found.residual[there] ** 2).mean()), rel=0.05)
 
 
 def test_trc_and_words_for_people_and_what_cannot_be_done(reconstruct, tmp_path, run, room):
