@@ -103,7 +103,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
             **renumbered(points),
         }
         results = {job.out.suffix: digest(target), LIST_OF_FILLS: digest(table)}
-        before = own_output(job.source)
+        before = own_output(job.source, take.first_frame)
         report |= {"doubtful": before["doubtful"]} if before else {}
         origins = _origins(shown, names, before, job.source).of_markers(rows, None)
         write_json(page, sealed(report | {"provenance": {**made, "results": results, "markers": origins}}))

@@ -433,6 +433,7 @@ class Results:
         report = take_report(self.summary, job.source.stem, take.worn.name, rate, version(), clock)
         report |= (
             {"model_version": take.model.history.version, "model_fingerprint": take.model.fingerprint}
+            | {"first_frame": points.first_frame}
             | renumbered(points)
             | facts_of_edits(job.edits_file, joined(filter(None, self.outcomes)))
             | facts
