@@ -272,7 +272,7 @@ def find_worn(job: LabelJob) -> Generator[Progress, None, tuple]:
 
 
 # Where its parts end in the whole of a labelling that has all of them: finding what is worn, and naming; assumed.
-FOUND, NAMED = 0.4, 0.8
+FINDING_ENDS, NAMING_ENDS = 0.4, 0.8
 
 
 def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -282,7 +282,7 @@ def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     clock: dict[str, float] = {}
-    begin, end = FOUND if job.model == AUTO_MODEL else 0.0, NAMED if job.fill else 1.0
+    begin, end = FINDING_ENDS if job.model == AUTO_MODEL else 0.0, NAMING_ENDS if job.fill else 1.0
     with ExitStack() as stack:
         inputs, files = open_files(job, stack)  # before they are read
         found: list[str] = []
