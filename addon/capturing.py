@@ -136,9 +136,10 @@ def write_capture(
 ) -> Generator[Progress, None, Captured]:
     """Captures the take virtually and writes the blobs to `out` and their truth beside it; neither may be in `read`."""
     frames = blobs = ghosts = merged = 0
+    given = take.xyz, take.names, cameras
     with whole_files([out, truth_path(out)], overwrite, read) as (blob_file, truth_file):
         with BlobWriter(blob_file, cameras) as writer, TruthWriter(truth_file) as truth:
-            for part in capture(take.xyz, take.names, cameras, options, body, take.first_frame):
+            for part in capture(*given, options, body, take.first_frame):
                 keys = writer.write(part.blobs)
                 names = part.truth.tolist()
                 truth.write(keys, names)
@@ -146,5 +147,8 @@ def write_capture(
                 ghosts, merged = ghosts + names.count(""), merged + sum("|" in name for name in names)
                 yield Progress(frames / len(take.xyz), f"frame {part.blobs.frames[-1]}")
         if blobs == ghosts:
+            if any(part.truth.any() for part in capture(*given, None, body)):
+                words = "no marker gives a blob by these options, where some do by the usual ones"
+                raise JobError(f"{words}; expected options nearer to those, such as a smaller --dropout")
             raise JobError("the cameras see nothing of this take; expected a take within the room (see --centre)")
     return Captured(frames, blobs, ghosts, merged)

@@ -124,8 +124,8 @@ def run(arguments) -> int:
         _refuse_without_takes(arguments)
     if arguments.adopt and not arguments.base:
         raise InputError("--adopt is for training on; expected --from MODEL with it, or no --adopt")
-    if not arguments.out.name.endswith(SUFFIX):
-        raise InputError(f"is no name for a model; expected one that ends in {SUFFIX}", arguments.out)
+    if not arguments.out.name.removesuffix(SUFFIX) or not arguments.out.name.endswith(SUFFIX):
+        raise InputError(f"is no name for a model; expected one such as mine{SUFFIX}", arguments.out)
     job = job_of(
         TrainJob,
         arguments,

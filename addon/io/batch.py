@@ -142,7 +142,7 @@ def is_table(path: Path) -> bool:
     try:
         with open_binary(path) as file:
             return file.read(len(wanted)) == wanted
-    except (InputError, OSError):
+    except InputError:
         return False
 
 

@@ -215,7 +215,7 @@ def facts_of_changes(before: Path, after: Path, markers: Sequence[str]) -> dict:
     try:
         with LabelFile(before) as old, LabelFile(after) as new:
             found = _changes(old, new, markers)
-    except (InputError, OSError):  # whatever lies there, it is about to be replaced
+    except InputError:  # whatever lies there, it is about to be replaced
         return {}
     return {"changed": [asdict(one) for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
 
@@ -230,7 +230,7 @@ def changes_of_part(
     try:
         with LabelFile(whole) as old, LabelFile(part) as new:
             return _changes(old, new, markers, frames)
-    except (InputError, OSError):
+    except InputError:
         return None
 
 

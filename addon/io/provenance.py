@@ -48,7 +48,7 @@ def read_report(path: Path, wanted: str = f"the report of an earlier run, {INSTE
         # The results lie beside the report, whatever a report says.
         if whole and all(Path(ending).name == ending for ending in made["results"]):
             return report
-    except (InputError, OSError, AttributeError, LookupError, TypeError):
+    except (InputError, AttributeError, LookupError, TypeError):
         pass
     raise InputError(f"does not say what it was made of; expected {wanted}", path)
 
@@ -87,6 +87,8 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
         what = f"is of a run that differs in {', '.join(other)}"
         raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
     missing, changed = _results_now(path, report)
+    if report["provenance"].get("report") != _digest_of(report):
+        changed.append(path)
     if changed:
         raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", changed[0])
     return report, bool(missing)
@@ -118,18 +120,40 @@ def _results_now(path: Path, report: dict) -> tuple[list[Path], list[Path]]:
     return missing, changed
 
 
-def own_output(path: Path) -> dict | None:
+def own_output(path: Path, first_frame: int) -> dict | None:
     """The report beside a take that `label` wrote, where the take is as it was written; else None.
 
-    A file that was changed since was corrected elsewhere, and its labels are what somebody says.
+    A file that was changed since was corrected elsewhere, and its labels are what somebody says. Frames of samples are
+    called as in the file, whose first is `first_frame`: a C3D cannot say every number. InputError where one is none.
     """
+    beside = path.with_name(path.stem + REPORT)
     try:
-        report = read_report(path.with_name(path.stem + REPORT))
+        report = read_report(beside)
         made = report["provenance"]["results"].get(path.suffix)
         fitting = isinstance(report.get("doubtful"), dict) and is_still(path, made)
     except InputError:
         return None
-    return report if fitting else None
+    if not fitting or report.get("first_frame", first_frame) == first_frame:
+        return report if fitting else None
+    try:
+        return _moved(report, first_frame - report["first_frame"])
+    except (AttributeError, LookupError, TypeError, ValueError):
+        raise InputError("is damaged in its frames; expected the report as it was written", beside) from None
+
+
+def _moved(report: dict, by: int) -> dict:
+    """A report with what is doubtful, filled or by hand in other frames."""
+
+    def moved(spans: Iterable) -> list[list[int]]:
+        return [[first + by, last + by] for first, last in spans]
+
+    markers = report["provenance"].get("markers", {}).items()
+    hand = {name: row | {"hand_frames": moved(row.get("hand_frames", ()))} for name, row in markers}
+    return report | {
+        "doubtful": {name: moved(spans) for name, spans in report["doubtful"].items()},
+        "filled": [row | {"first": row["first"] + by, "last": row["last"] + by} for row in report.get("filled", ())],
+        "provenance": report["provenance"] | {"markers": hand},
+    }
 
 
 def reports_meant(path: Path) -> list[Path]:

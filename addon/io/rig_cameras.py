@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, of_file
 from ..core.geometry.cameras import Cameras
-from ..core.geometry.rotations import exponential
+from ..core.geometry.rotations import turn_of
 from .text import is_unicode
 
 # Qualisys has focal lengths, centres, the sensor and blobs in 64ths of a pixel; its lens is OpenCV's.
@@ -98,7 +98,7 @@ def rotation_of(values: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) of nine numbers, or of the three of a Rodrigues vector; NaN for none, which `rig` refuses."""
     if values.size == 9:
         return values.reshape(3, 3)
-    return exponential(values)[0] if np.abs(values).max() < MAX_CAMERA_NUMBER else np.full((3, 3), np.nan)
+    return turn_of(values) if np.abs(values).max() < MAX_CAMERA_NUMBER else np.full((3, 3), np.nan)
 
 
 def numbers_in(parts: Mapping, keys: Sequence[str], name: str, path: Path, *counts: int) -> np.ndarray:

@@ -9,7 +9,7 @@ import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BufferedReader, StringIO
+from io import BufferedReader, FileIO, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -46,6 +46,7 @@ def open_binary(path: Path) -> BufferedReader:
     """The file at `path`, open for reading; InputError when there is none, it is no file or may not be read.
 
     Whatever is read goes through here, also what we wrote ourselves: anybody may have put something in its place.
+    A disk that fails later on is an InputError, too.
     """
     path = Path(path)
     with _readable(path):
@@ -55,7 +56,19 @@ def open_binary(path: Path) -> BufferedReader:
         if not stat.S_ISREG(kind):
             # Opening a pipe waits for a writer that may never come, and two readings of one differ.
             raise InputError("is a pipe or a device; expected an ordinary file", path)
-        return open(path, "rb", opener=open_at_once)
+        return BufferedReader(_NamedFile(path, opener=open_at_once))
+
+
+class _NamedFile(FileIO):
+    """A file whose name is in what goes wrong while it is read: the system names those that it opens."""
+
+    def readinto(self, buffer):
+        with _readable(self.name):
+            return super().readinto(buffer)
+
+    def readall(self):
+        with _readable(self.name):
+            return super().readall()
 
 
 @contextmanager
@@ -102,9 +115,8 @@ class BytesOnDisk:
     def __getitem__(self, part: slice) -> bytes:
         """The bytes from start to stop; InputError where they cannot be read."""
         start, stop, _ = part.indices(self.size)
-        with _readable(self.path):
-            self.file.seek(start)
-            content = self.file.read(max(stop - start, 0))
+        self.file.seek(start)
+        content = self.file.read(max(stop - start, 0))
         if len(content) < stop - start:
             raise InputError("became shorter while it was read; expected a whole file", self.path)
         return content
@@ -112,7 +124,7 @@ class BytesOnDisk:
 
 def read_bytes(path: Path, limit: int | None = None) -> bytes:
     """The whole content; InputError when it is missing, unreadable, empty or over `limit` bytes."""
-    with open_binary(path) as file, _readable(path):
+    with open_binary(path) as file:
         content = file.read() if limit is None else file.read(limit + 1)
     if not content:
         raise InputError("is empty; expected a file with content", path)
@@ -252,7 +264,7 @@ def numbers(text: str | None, count: int, what: str, path: Path, line: int = 0) 
 
 def digest(path: Path) -> str:
     """SHA-256 of what a file holds; InputError where it cannot be read."""
-    with open_binary(path) as stream, _readable(path):
+    with open_binary(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from itertools import tee
+from itertools import chain, tee
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,7 @@ from ..core.review.odd_cameras import CameraCheck
 from ..core.review.suspects import find_suspects
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.labels import BLOB_KEYS
+from ..io.points import Frames
 from ..io.poses import refuse_keys
 from ..io.report import facts_of_cameras
 from ..io.scratch import scratch_folder
@@ -87,21 +88,23 @@ class BlobTake(OpenTake):
         # Whoever corrected names, or wants them regardless, has seen who is in the take.
         known = bool(self.several or self.edits or job.force)
         self.others = None if known else OtherSubjects(cameras, model)
+        blobs = self._blobs()
         if self.others is not None:
             yield Progress(0.0, "look how many there are")
+            begun = next(blobs)
             with timed(self.clock, "load"):
-                refuse_two(self._blobs, cameras, model)
-            self.taken.clear()
+                refuse_two(begun, partial(self._read, job.frames), cameras, model)
+            blobs = chain([begun], blobs)
         if self.several is None:
             given = job.hints, self._occlusion(), self.edits, job.force
             settings = BlobOptions(self.rate, job.method, job.target, *given)
-            self.work = label_blobs(self._blobs(), cameras, model, settings)
+            self.work = label_blobs(blobs, cameras, model, settings)
             self.method, self.named_by, more = blob_method(settings), model.markerset, finer(model.markerset)
             self.check = CameraCheck(cameras, self.named_by)
         else:
             seen = yield from self._subjects()
             self.method, self.named_by, more = "likelihood", seen.worn, seen.worn.finer
-            own, read = tee(self._blobs())
+            own, read = tee(blobs)
             self.work = seen.chunks(read)
             if self.edits:
                 self.work = with_edits(own, self.work, self.edits, cameras, self.named_by)
@@ -180,6 +183,10 @@ class BlobTake(OpenTake):
             self.taken.append(rows)
             yield rows.blobs
 
+    def _read(self, frames: Frames) -> Iterator[Blobs]:
+        """The chunks of some frames of the file, to be looked at before they are labelled."""
+        return (rows.blobs for rows in read_blobs(self.job.source, self.cameras, frames))
+
     def _subjects(self) -> "Generator[Progress, None, FollowedTogether | SubjectsInImages]":
         """Who is there, by their bodies or the points that blobs make; InputError where edits are of who is not."""
         from ..core.pipelines.several_through_points import SeveralBlobs, label_several_blobs
@@ -216,12 +223,8 @@ class BlobTake(OpenTake):
 
     def _tracked(self) -> Edits:
         """The edits, which know the tracks of the blobs that they are of: their cameras' blobs are read before."""
-
-        def read(frames: tuple[int, int]) -> Iterator[Blobs]:
-            return (rows.blobs for rows in read_blobs(self.job.source, self.cameras, frames))
-
         try:
-            return followed(self.edits, read, self.cameras.names)
+            return followed(self.edits, self._read, self.cameras.names)
         except InputError:  # nothing is there in these frames; whatever else is wrong with the file, reading it tells
             return self.edits
 

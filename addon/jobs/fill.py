@@ -72,9 +72,11 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         named = np.array([index for index, name in enumerate(take.names) if name], dtype=int)
         if not len(named):
             raise InputError("has no named markers; expected a labelled take", job.source)
-        names = [take.names[index] for index in named]
-        subjects = _subjects_of(job, names)
-        wanted = FillOptions(job.method, job.max_gap, _wanted(job, names))
+        own = [take.names[index] for index in named]
+        subjects = _subjects_of(job, own)
+        wanted = FillOptions(job.method, job.max_gap, _wanted(job, own))
+        # A name that was there before has its place behind it.
+        names = [name if name not in own[:place] else f"{name} ({place})" for place, name in enumerate(own)]
         shown = take.picked(named)
         work = fill_subjects(shown.xyz, take.rate, wanted, subjects)
         filled = yield from within(work, 0.0, 0.95)
@@ -101,12 +103,9 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
             **renumbered(points),
         }
         results = {job.out.suffix: digest(target), LIST_OF_FILLS: digest(table)}
-        before = own_output(job.source)
-        # A name that was there before has its place behind it.
-        own = [name if name not in names[:place] else f"{name} ({place})" for place, name in enumerate(names)]
+        before = own_output(job.source, take.first_frame)
         report |= {"doubtful": before["doubtful"]} if before else {}
-        fills = gap_rows(filled.gaps, own, take.first_frame)
-        origins = _origins(shown, own, before, job.source).of_markers(fills, None)
+        origins = _origins(shown, names, before, job.source).of_markers(rows, None)
         write_json(page, sealed(report | {"provenance": {**made, "results": results, "markers": origins}}))
     return report | {"out": str(job.out), "seconds": round(perf_counter() - begin, 3)}
 

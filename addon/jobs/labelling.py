@@ -5,7 +5,7 @@ from collections.abc import Generator
 from contextlib import ExitStack
 from dataclasses import replace
 
-from ..core.data.progress import Progress
+from ..core.data.progress import Progress, rising, within
 from ..core.geometry.force_plates import NO_LAB
 from ..core.pipelines.known_sets import known_worn, model_worn
 from ..core.points.refusals import SubjectsError, refuse_two_groups
@@ -46,6 +46,10 @@ def find_worn(job: LabelJob) -> Generator[Progress, None, tuple]:
     return [likely[worn]], True, False
 
 
+# Where its parts end in the whole of a labelling that has all of them: finding what is worn, and naming; assumed.
+FINDING_ENDS, NAMING_ENDS = 0.4, 0.8
+
+
 def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
     """Labels the take, of whichever kind, and writes its files, which appear together or not at all.
 
@@ -53,6 +57,7 @@ def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     clock: dict[str, float] = {}
+    begin, end = FINDING_ENDS if job.model == AUTO_MODEL else 0.0, NAMING_ENDS if job.fill else 1.0
     with ExitStack() as stack:
         inputs, files = open_files(job, stack)  # before they are read
         found: list[str] = []
@@ -60,15 +65,15 @@ def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "load"), ExitStack() as read:
                 shown = _kind_of(job).shown(job, read)
                 known = {open_model(name): name for name in job.models}
-                model, *found = yield from model_worn(*shown, known, job.force)
+                model, *found = yield from within(model_worn(*shown, known, job.force), 0.0, begin)
                 inputs["model"] = [inputs["model"][job.models.index(model)]]
                 job = replace(job, model=model)
         with timed(clock, "load"):
             models = {}
             for name in job.models:
-                models[name] = yield from model_for(name, job.method)
+                models[name] = yield from within(model_for(name, job.method), begin, begin)
             take = _kind_of(job)(job, models, stack, clock)
-        yield from take.name()
+        yield from within(rising(take.name()), begin, end)
         results = Results(job, take, files[".labels.csv"], stack)
         results.notes += found
         for rows, keys, chunk, read in take.parts(results.kept):
@@ -76,7 +81,7 @@ def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
                 results.labels.write(keys, chunk.labels)
             results.add(rows, chunk, read)
             if take.in_parts:
-                yield Progress(read, f"frame {chunk.motion.frames[-1]}")
+                yield Progress(begin + (end - begin) * read, f"frame {chunk.motion.frames[-1]}")
         with timed(clock, "label"):
             results.end(*take.end(results.handedness.refuse))
         results.labels.file.flush()
@@ -87,7 +92,7 @@ def label_take(job: LabelJob) -> Generator[Progress, None, Labelled]:
             with timed(clock, "fill"):
                 listeners, rays = (results.overview, results.trouble), take.rays()
                 given = points, take.worn, listeners, *(() if rays is None else (rays,))
-                points, of_gaps, fills = yield from fill_labelled(*given)
+                points, of_gaps, fills = yield from within(fill_labelled(*given), end, 1.0)
         report = results.write(files, points, of_gaps, fills, inputs, clock)
     chunks = results.chunks if job.keep else []
     return Labelled(report, take.worn, chunks, take.edits, job.models[0], take.lab if job.keep else NO_LAB)

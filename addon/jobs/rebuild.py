@@ -122,7 +122,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         raise InputError("is no file of 3D points; expected a name that ends in .c3d or .trc", job.out)
     cameras, files = job.opened()
     rate = USUAL_RATE if job.rate is None else job.rate
-    blobs, used, squares, pixel = 0, 0, 0.0, float("nan")
+    blobs, sums, pixel = 0, np.zeros((2, 0)), float("nan")
     with ExitStack() as stack:
         target = stack.enter_context(whole_file(job.out, job.overwrite, [job.source, *files]))
         spool = stack.enter_context(TrajectoryFile(stack.enter_context(scratch_folder()), rate))
@@ -131,13 +131,14 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         parts = reconstruct_take((rows.blobs for rows in read), cameras, rate)
         for rows, part in zip(chunks, parts, strict=True):
             spool.add(part)
-            blobs, used, pixel = blobs + len(rows.blobs), used + int(part.support.sum()), part.pixel
-            squares += float((part.residual**2).sum())
+            blobs, sums, pixel = blobs + len(rows.blobs), _summed(sums, part), part.pixel
             yield Progress(rows.fraction, f"frame {part.frames[-1]}")
         points = spool.points()
         if not points.names:
             raise JobError("no two cameras see the same point for long; expected blobs of these cameras", job.source)
         write(target, points)
+    written = spool.spans.lasting(len(spool.counts))
+    count, (used, squares) = int(spool.spans.table[written, 0].sum()), sums[:, written].sum(axis=1).tolist()
     return {
         "take": job.source.stem,
         "out": str(job.out),
@@ -146,12 +147,19 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         "first_frame": points.first_frame,
         "frames": len(spool.counts),
         "trajectories": len(points.names),
-        "points": spool.count,
+        "points": count,
         "blobs": blobs,
-        "blobs_explained": used,
-        "residual_mm": float(f"{1000 * np.sqrt(squares / max(spool.count, 1)):.4g}"),
+        "blobs_explained": int(used),
+        "residual_mm": float(f"{1000 * np.sqrt(squares / count):.4g}"),
         "noise_px": float(f"{pixel:.4g}"),
         **facts_of_capture(job.source, cameras),
         **(renumbered(points) if write is write_c3d else {}),
         "seconds": round(perf_counter() - begin, 3),
     }
+
+
+def _summed(sums: np.ndarray, part: Reconstructed) -> np.ndarray:
+    """(2, N) how many blobs every trajectory has, and its squared residuals, m², of the frames before and of a part."""
+    count = max(sums.shape[1], int(part.trajectory.max(initial=-1)) + 1)
+    new = [np.bincount(part.trajectory, of, count) for of in (part.support, part.residual**2)]
+    return np.pad(sums, ((0, 0), (0, count - sums.shape[1]))) + new

@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from ..core.review.overview import TakeOverview
 
 
-def facts_of_subjects(job: LabelJob, worn: SetsWorn, notes: list[str]) -> dict:
-    """What a report says of who is in the take; `notes` it has."""
+def facts_of_subjects(job: LabelJob, worn: SetsWorn, notes: list[str], in_room: bool) -> dict:
+    """What a report says of who is in the take; `notes` it has, `in_room` as in `SeveralOptions`."""
+    first = "stands first along a line across the room" if in_room else "is first in the file"
     return {
-        "notes": [*notes, *(_alike(worn) if job.wearers else ())],
+        "notes": [*notes, *(_alike(worn, first) if job.wearers else ())],
         "subjects": [
             {
                 "name": one.name,
@@ -48,14 +49,14 @@ def facts_of_subjects(job: LabelJob, worn: SetsWorn, notes: list[str]) -> dict:
     }
 
 
-def _alike(worn: SetsWorn) -> list[str]:
-    """Who cannot be told from whom by their models, a sentence for each model."""
+def _alike(worn: SetsWorn, who: str) -> list[str]:
+    """Who cannot be told from whom by their models, a sentence for each model; `who` the first of them is."""
     notes, first_of = [], kinds(worn.subjects)
     for first in dict.fromkeys(first_of):
         names = [one.name for one, kind in zip(worn.subjects, first_of, strict=True) if kind is first]
         if len(names) > 1:
             words = f"{' and '.join(names)} wear the same model, which does not tell them apart"
-            notes.append(f"{words}: {names[0]} is who is first in the file")
+            notes.append(f"{words}: {names[0]} is who {who}")
     return notes
 
 
@@ -133,7 +134,7 @@ class Results:
         if self.notes:
             facts["notes"] = [*facts.get("notes", []), *self.notes]
         if self.job.several:
-            facts |= facts_of_subjects(self.job, self.take.worn, facts.get("notes", []))
+            facts |= facts_of_subjects(self.job, self.take.worn, facts.get("notes", []), bool(len(self.take.cameras)))
         return facts
 
     def write(
@@ -169,6 +170,7 @@ class Results:
         report = take_report(self.summary, job.source.stem, take.worn.name, rate, version(), clock)
         report |= (
             {"model_version": take.model.history.version, "model_fingerprint": take.model.fingerprint}
+            | {"first_frame": points.first_frame}
             | renumbered(points)
             | facts_of_edits(job.edits_file, joined(filter(None, self.outcomes)))
             | facts

@@ -203,7 +203,8 @@ def _learned(
         beside = () if job.markers or base else lying_beside(takes, markers, bodies)
         markers = tuple(name for name in markers if name not in beside)
     options = _options(job, base, len(markers))
-    trained = yield from train(takes, markers, options, base, bodies, try_all)
+    with of_file(takes[0].path, InputError):
+        trained = yield from train(takes, markers, options, base, bodies, try_all)
     report = _report(job, takes, trained, options.hit_rate, clock | trained.seconds)
     doubts = " ".join(trained.doubts)
     new = {name for name in kept if name in markers and name not in doubts}

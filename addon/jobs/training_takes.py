@@ -77,7 +77,7 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
     if filled:
         doubts.append(f"{path.name}: {count_of(filled, 'sample')} filled and not measured, so not learned")
-    own = own_output(path)
+    own = own_output(path, points.first_frame)
     if own is not None:
         xyz, doubted = looked_at(own, path, whole, xyz, points.first_frame)
         doubts += [f"{path.name}: {words}" for words in doubted]

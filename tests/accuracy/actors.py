@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from addon.core.data.progress import finished
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import turn_of
 from addon.core.pipelines.several_through_points import SeveralBlobs, label_several_blobs
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.whole_take.pipeline import PointOptions
@@ -171,7 +171,7 @@ def exchanged_places(meetings: Iterator[Meeting]) -> Iterator[Meeting]:
 def laid(take: Take, part: np.ndarray, place: np.ndarray) -> Take:
     """The take turned about y from upright to flat as far as `part` (T,) says, its middle drawn to `place` (3,) m."""
     middle = np.nanmean(take.xyz, axis=1, keepdims=True)
-    turn = exponential(np.outer(part * np.pi / 2, [0.0, 1.0, 0.0]))[0]
+    turn = turn_of(np.outer(part * np.pi / 2, [0.0, 1.0, 0.0]))
     flat = np.einsum("tij,tmj->tmi", turn, take.xyz - middle)
     return replace(take, xyz=flat + middle + part[:, None, None] * (place - middle))
 
@@ -241,7 +241,7 @@ def swung() -> Case:
     """A virtual racket that is turned about in a capture of its own, which its model is learned from."""
     steps = np.random.default_rng(1).normal(0, 1, (600, 6)) * [0.05, 0.05, 0.05, 0.01, 0.01, 0.01]
     path = np.cumsum(steps, axis=0)
-    return Case("racket", (in_hand(exponential(path[:, :3])[0], path[:, 3:] + [0, 0, 1.2], 100.0),), (), RACKET_MARKERS)
+    return Case("racket", (in_hand(turn_of(path[:, :3]), path[:, 3:] + [0, 0, 1.2], 100.0),), (), RACKET_MARKERS)
 
 
 def racket() -> Iterator[Meeting]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import turn_of
 
 from . import people
 from .captures import captured_frame
@@ -130,7 +130,7 @@ def _arms_set(xyz: np.ndarray, generator) -> np.ndarray:
 
 
 def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
-    return exponential(axis / np.linalg.norm(axis) * angle)[0]
+    return turn_of(axis / np.linalg.norm(axis) * angle)
 
 
 def _placed_elsewhere(xyz: np.ndarray, generator) -> np.ndarray:

@@ -127,6 +127,10 @@ REFUSED = {
         " --from gait15": "expected no --from with it",
         " --lean --search genetic": "expected no --search and no --lean with it",
     },
+    "train --set helen_hayes --out": {
+        " .markerset.json": ".markerset.json: is no name for a model; expected one such as mine.markerset.json",
+        " mine.json": "mine.json: is no name for a model; expected one such as mine.markerset.json",
+    },
 }
 
 

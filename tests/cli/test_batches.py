@@ -227,13 +227,18 @@ def test_resume_replaces_nothing_that_it_did_not_make_as_it_is(label, run, takes
     moved = tmp_path / "moved.toml"
     moved.write_text(room.cameras.read_text() + "\n# moved\n")
     refused("differs in cameras;", *FEW, cameras=moved)
+    report = out / "one.report.json"
+    whole = report.read_text(encoding="utf-8")
+    report.write_text(whole.replace('"unlabelled": ', '"unlabelled": 1'), encoding="utf-8")
+    refused("one.report.json: was changed since it was made", *FEW)
+    report.write_text(whole, encoding="utf-8")
     (out / "one.c3d").write_bytes((out / "one.c3d").read_bytes() + b"\0")
     refused("one.c3d: was changed since it was made", *FEW)
     takes[0].write_text(takes[0].read_text() + "\n")
     refused("differs in input;", *FEW)
-    (out / "one.report.json").write_text("{}")
+    report.write_text("{}")
     refused("does not say what it was made of", *FEW)
-    (out / "one.report.json").unlink()
+    report.unlink()
     refused("exists already", *FEW)
     assert label(*FEW, "--resume", "--overwrite", blobs=takes[:1]).status == 0
     assert label(*FEW, "--resume", "--overwrite", blobs=takes[:1]).out.endswith("done before\n")

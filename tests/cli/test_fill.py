@@ -156,13 +156,31 @@ def test_a_report_says_where_all_is_from_and_verify_whether_it_is_still_so(run, 
     assert "the input ../walk.c3d was changed; expected all as it was when this take was filled" in reason
 
 
+def test_what_is_by_hand_is_so_in_the_frames_that_a_c3d_can_say(run, holed, tmp_path):
+    take = replace(read_points(holed / "walk.c3d"), first_frame=-30)
+    write_trc(tmp_path / "walk.trc", take)
+    edits = {"version": 1, "edits": [{"kind": "assign", "point": 0, "marker": "LFHD", "frames": [-28, -26]}]}
+    (tmp_path / "walk.edits.json").write_text(json.dumps(edits))
+    assert run("label", tmp_path / "walk.trc", "--model", MODEL, "--out", tmp_path / "out").status == 0
+    assert run("fill", tmp_path / "out" / "walk.c3d", "--out", tmp_path / "full.c3d").status == 0
+    before, after = report_of(tmp_path / "out" / "walk.c3d"), report_of(tmp_path / "full.c3d")
+    assert (before["first_frame"], before["c3d_first_frame"], after["first_frame"]) == (-30, 0, 0)
+    spans = [one["provenance"]["markers"]["LFHD"]["hand_frames"] for one in (before, after)]
+    assert spans == [[[-28, -26]], [[2, 4]]]
+
+
 def test_a_name_that_is_there_twice_is_told_apart(run, holed, tmp_path):
     take = read_points(holed / "walk.c3d")
-    write_c3d(tmp_path / "twice.c3d", replace(take, names=("RBHD", *take.names[1:])))
+    first, second = sorted(GAPS, key=take.names.index)
+    names = tuple(first if name == second else name for name in take.names)
+    write_c3d(tmp_path / "twice.c3d", replace(take, names=names))
     assert run("fill", tmp_path / "twice.c3d", "--out", tmp_path / "full.c3d").status == 0
-    rows = report_of(tmp_path / "full.c3d")["provenance"]["markers"]
-    assert {name for name in rows if "RBHD" in name} == {"RBHD", f"RBHD ({take.names.index('RBHD')})"}
+    report, told = report_of(tmp_path / "full.c3d"), {first, f"{first} ({take.names.index(second)})"}
+    rows = report["provenance"]["markers"]
+    assert {name for name in rows if first in name} == told
     assert all(row["missing"] >= 0 for row in rows.values())
+    assert {row["marker"] for row in report["filled"]} == told
+    assert {row["marker"] for row in rows_of(tmp_path / "full.filled.csv")} == told
 
 
 def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, tmp_path):

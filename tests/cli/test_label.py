@@ -17,6 +17,7 @@ from addon.demo.take import MODEL
 from addon.io.markersets import SUFFIX, builtin_markersets, open_markerset
 from addon.io.models import known_models, open_model
 from addon.io.points import read_points, write_c3d, write_trc
+from addon.jobs import blobs as blob_jobs
 from tests.accuracy import real_blobs
 from tests.accuracy.registry import recorded
 from tests.core.pipelines.test_known_sets import standing, without
@@ -65,7 +66,7 @@ def test_c3d_has_the_models_markers_and_the_takes_frames_and_the_report_what_the
     assert set(report["steps"]) == {"exclusive", "conflict", "remaining"}
 
 
-def test_options_are_followed_and_the_results_are_one_object(label, room, tmp_path):
+def test_options_are_followed_and_the_results_are_one_object(label, room, tmp_path, monkeypatch):
     (tmp_path / "copy").mkdir()
     twin = shutil.copy(room.blobs, tmp_path / "copy" / "Walk.csv")
     assert "same results" in label(blobs=[room.blobs, twin]).reason
@@ -80,7 +81,10 @@ def test_options_are_followed_and_the_results_are_one_object(label, room, tmp_pa
     old = (tmp_path / "out" / "walk.report.json").read_bytes()
     assert "exists already" in label().reason
     assert (tmp_path / "out" / "walk.report.json").read_bytes() == old
+    read, times = blob_jobs.read_blobs, []
+    monkeypatch.setattr(blob_jobs, "read_blobs", lambda *given: times.append(given) or read(*given))
     assert label("--overwrite", "--frames", "105:109", "--rate", "50").status == 0
+    assert len(times) == 1, "the file is read once"
     assert (tmp_path / "out" / "walk.report.json").read_bytes() != old
 
 

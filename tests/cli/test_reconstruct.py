@@ -40,6 +40,9 @@ def test_the_points_are_the_markers_without_names(reconstruct, room, tmp_path):
     assert np.nanmax(found.residual) < 0.02
     said = answer.json
     assert (said["trajectories"], said["frames"], said["rate_assumed"]) == (len(labels), 20, False)
+    there = np.isfinite(found.residual)
+    assert said["points"] == there.sum(), "and not what is left out"
+    assert said["residual_mm"] == pytest.approx(1000 * np.sqrt((found.residual[there] ** 2).mean()), rel=0.05)
 
 
 def test_trc_and_words_for_people_and_what_cannot_be_done(reconstruct, tmp_path, run, room):
@@ -84,6 +87,8 @@ def test_a_take_outside_the_room_is_moved_on_request(simulate, room, tmp_path):
     assert "--centre" in simulate(take=tmp_path / "away.c3d").refusal(1), "there are ghosts alone"
     assert not (tmp_path / "sim.csv").exists()
     assert simulate("--centre", take=tmp_path / "away.c3d").status == 0
+    reason = simulate("--dropout", "1", "--overwrite").refusal(1)
+    assert "no marker gives a blob by these options" in reason and "room" not in reason.rpartition(": ")[2]
 
 
 def test_markers_that_no_model_has_subjects_names_and_a_take_of_another_kind(simulate, room, tmp_path):

@@ -20,7 +20,7 @@ from addon.core.data.takes import Points
 from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.points import read_points, write_c3d
-from addon.io.provenance import earlier_run
+from addon.io.provenance import earlier_run, sealed
 from addon.io.text import write_json
 from addon.jobs.job import made_of
 from tests.inputs.walkers import RATE, WORN, write_pair, write_seen
@@ -139,7 +139,7 @@ def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
     assert (elsewhere.wearers, elsewhere.own) == ((("ann", WORN), ("bob", str(model))), tmp_path / "own")
     swapped = replace(job, wearers=(("ann", str(model)), ("bob", WORN)))
     report = tmp_path / "pair.report.json"
-    write_json(report, {"take": "pair", "provenance": made_of(swapped) | {"results": {}}})
+    write_json(report, sealed({"take": "pair", "provenance": made_of(swapped) | {"results": {}}}))
     now = made_of(replace(job, wearers=(("ann", WORN), ("bob", str(model)))))
     assert earlier_run(report, now)[0] is not None, "the same content"
     with pytest.raises(InputError, match="differs in --subject;"):
@@ -171,8 +171,9 @@ def test_cameras_see_several_with_all_bodies_in_the_way(run, seen, tmp_path):
 
 
 def test_blobs_of_two_are_named_in_every_file(run, figures, seen, tmp_path):
-    words = "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE, "--out", tmp_path
-    run("label", seen / "seen.csv", *words, "--subjects", "2", "--trc", "--fill", "--html", "--json").quiet()
+    words = "label", seen / "seen.csv", "--cameras", seen / "room.toml", "--rate", RATE
+    more = "--trc", "--fill", "--html", "--json"
+    run(*words, "--model", WORN, "--subjects", "2", "--out", tmp_path, *more).quiet()
     truth, other = seen / "seen.csv.truth.csv", tmp_path / "other.csv"  # nothing says which of them is 1
     other.write_text(truth.read_text().replace("1:", "0:").replace("2:", "1:").replace("0:", "2:"))
     found = [figures(tmp_path / "seen.labels.csv", one) for one in (truth, other)]
@@ -183,6 +184,12 @@ def test_blobs_of_two_are_named_in_every_file(run, figures, seen, tmp_path):
     assert report["method"] == "likelihood"
     assert sum(report["steps"].values()) == sum(row["marker"] != "" for row in rows_of(tmp_path / "seen.labels.csv"))
     assert set(report["timing"]) >= {"place", "label", "fit"}
+    said = run(*words, "--subject", f"zoe={WORN}", "--subject", f"ann={WORN}", "--out", tmp_path / "called").out
+    assert "zoe is who stands first along a line across the room" in said
+    numbered, called = (rows_of(path / "seen.labels.csv") for path in (tmp_path, tmp_path / "called"))
+    assert [row["marker"].replace("zoe", "1").replace("ann", "2") for row in called] == [
+        row["marker"] for row in numbered
+    ]
 
 
 @pytest.mark.parametrize("method", ["auto", "likelihood"])

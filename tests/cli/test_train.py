@@ -36,10 +36,10 @@ def creature(seed: int) -> np.ndarray:
     body = form.uniform([-0.4, -0.15, 0.4], [0.4, 0.15, 0.7], (5, 3)) + chance.normal(0, 0.006, (5, 3))
     head = form.uniform([-0.05, -0.1, 0.0], [0.25, 0.1, 0.2], (5, 3)) + chance.normal(0, 0.006, (5, 3))
     time = np.arange(150)[:, None] / 100
-    nod = rotations.exponential(np.column_stack([0 * time, 0.5 * np.sin(3 * time + seed), 0.4 * np.sin(2 * time)]))[0]
+    nod = rotations.turn_of(np.column_stack([0 * time, 0.5 * np.sin(3 * time + seed), 0.4 * np.sin(2 * time)]))
     heads = np.einsum("fij,mj->fmi", nod, head) + np.array([0.45, 0, 0.6])
     whole = np.concatenate([np.broadcast_to(body, (150, 5, 3)), heads], axis=1)
-    heading = rotations.exponential(np.column_stack([0 * time, 0 * time, seed + 0.8 * time]))[0]
+    heading = rotations.turn_of(np.column_stack([0 * time, 0 * time, seed + 0.8 * time]))
     walked = np.einsum("fij,fmj->fmi", heading, whole) + np.stack([time, 0.3 * time, 0 * time], axis=-1)
     return walked + chance.normal(0, 0.001, walked.shape)
 
@@ -244,7 +244,6 @@ def test_a_corrected_take_replaces_what_was_learned_from_it(takes, run, tmp_path
 
 def test_what_cannot_be_trained_or_checks_no_model_is_said_and_leaves_nothing(trained, takes, run, tmp_path):
     out = tmp_path / "m.markerset.json"
-    assert "ends in .markerset.json" in run("train", takes[0], "--out", tmp_path / "m.json").reason
     assert "is no subject" in run("train", takes[0], "--out", out, "--subject", "ann").reason
     assert "no take was given" in run("train", "--out", out, "--subject", "ann=*").reason
     other = write(tmp_path / "other.c3d", creature(1), [f"X{index}" for index in range(10)])
@@ -254,6 +253,9 @@ def test_what_cannot_be_trained_or_checks_no_model_is_said_and_leaves_nothing(tr
     line = write(tmp_path / "line.c3d", creature(1) * [1, 0, 0])
     reason = run("train", line, "--out", out).refusal(2)
     assert reason.startswith(f"{line}: ") and "two of three axes are zero" in reason
+    noise = write(tmp_path / "noise.c3d", np.random.default_rng(1).random((40, 10, 3)))
+    reason = run("train", noise, "--out", out, "--force").refusal(2)
+    assert reason.startswith(f"{noise}: no two markers keep their distance")
     words = ("train", takes[2], "--from", trained[0], "--out", out, "--check")
     assert "is learned from, so it cannot check" in run(*words, takes[2]).reason
     assert "no such file" in run(*words, tmp_path / "none.c3d").reason

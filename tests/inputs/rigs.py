@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import turn_of
 from addon.core.posing.character import both_sides
 
 T_POSE, A_POSE, HANGING = 0.0, 45.0, 82.0  # degrees that the arms are below the horizontal
@@ -75,7 +75,7 @@ def rig_bones(arms: float = T_POSE, size: float = 1.0, thigh: float = 0.5, roll:
         ends = [np.array(joints[end][1] if isinstance(end, str) else end, float) for end in (head, tail)]
         name, _, side = part.partition(".")
         if name in ("upper_arm", "forearm", "hand", "shoulder") and arms:
-            turn = exponential(np.array([0, np.radians(arms if side == "L" else -arms), 0]))[0]
+            turn = turn_of(np.array([0, np.radians(arms if side == "L" else -arms), 0]))
             pivot = np.array(joints[f"upper_arm.{side}"][1])
             ends = [end if name == "shoulder" else pivot + turn @ (end - pivot) for end in ends]
         bones.append(RigBone(part, parent, *(end * size for end in ends), roll * number))

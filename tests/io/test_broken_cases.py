@@ -15,7 +15,7 @@ from addon.core.data.takes import Points
 from addon.io.cameras import read_cameras
 from addon.io.markersets import read_markerset
 from addon.io.points import read_points, write_c3d, write_trc
-from addon.io.provenance import earlier_run
+from addon.io.provenance import earlier_run, sealed
 from addon.io.world import UNITS
 from addon.jobs.training_takes import read_takes
 from tests.fuzz.kinds import MADE, samples
@@ -104,7 +104,7 @@ def test_results_lie_beside_their_report_whatever_it_says_and_one_with_too_long_
     report, document = tmp_path / sound["report"].name, json.loads(sound["report"].read_text())
     for ending in ("../taught.c3d", "a/b", "/", "9" * 5000):
         made = document["provenance"] | {"results": {ending: "ab"}}
-        report.write_text(json.dumps(document | {"provenance": made}))
+        report.write_text(json.dumps(sealed(document | {"provenance": made})))
         if len(ending) < 5000:
             refused("does not say what it was made of", earlier_run, report, MADE)
     assert earlier_run(report, MADE)[1], "missing"

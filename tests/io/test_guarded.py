@@ -9,13 +9,17 @@ from pathlib import Path
 
 import pytest
 
+from addon.io import source
 from addon.io.batch import is_result, is_table, read_table
+from addon.io.blobs import check_header
 from addon.io.edits import read_edits
 from addon.io.html.markup import is_page
+from addon.io.labels import LabelFile
 from addon.io.models import read_model
+from addon.io.points import read_points
 from addon.io.poses import cache_mark, check_cache
 from addon.io.provenance import earlier_run
-from addon.io.source import open_binary
+from addon.io.source import digest, open_binary
 from addon.io.whole import TURN, turns
 from tests.io.checks import refused
 
@@ -24,8 +28,7 @@ READERS = {"read_text", "read_bytes", "fromfile", "memmap", "loadtxt", "genfromt
 # What else is opened to be read, by file and function: what this run made itself a moment ago, in a folder of its own,
 # locks, and what ships with the program.
 OWN = {
-    ("io/source.py", "open_binary"): "the one way",
-    ("io/source.py", "open_at_once"): "a part of it",
+    ("io/source.py", "open_at_once"): "the one way",
     ("io/tables.py", "_mapped"): "a scratch file",
     ("io/rows.py", "parse_plain"): "bytes in memory",
     ("io/source.py", "root_of_xml"): "text in memory",
@@ -110,3 +113,12 @@ def test_neither_readers_nor_a_turn_wait_for_what_is_no_file(thing):
     thing.rename(thing.with_name(TURN))
     with turns([thing.parent]):
         pass
+
+
+@pytest.mark.parametrize("reader", [check_header, lambda path: LabelFile(path).__enter__(), digest, read_points])
+def test_what_fails_while_it_is_read_is_named(tmp_path, monkeypatch, reader):
+    path = tmp_path / "take.trc"
+    path.write_text("frame,camera,x,y\n")
+    # As of a disk that fails, the system names no file of what cannot be read once it is open.
+    monkeypatch.setattr(source, "open_at_once", lambda path, flags: os.open(path, os.O_WRONLY))
+    refused(r"cannot be read \(Bad file descriptor\)", reader, path)

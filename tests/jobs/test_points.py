@@ -136,6 +136,9 @@ def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_
     assert len(set(posing)) > 10
     assert max(np.diff(sorted(set(posing)))) < 0.1
     assert max(posing) - min(posing) > 0.15, "it takes as long as naming, or half of that"
+    found = LabelJob(source, None, AUTO_MODEL, source.parent / "found", fill=True)
+    shares = [one.fraction for one in label_file(found)]
+    assert shares == sorted(shares) and shares[0] == 0 and shares[-1] < 1
 
 
 def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(source, monkeypatch):

@@ -171,8 +171,12 @@ def own_output(path: Path, report: dict | None = None) -> Path:
     return path
 
 
-def test_of_our_own_output_only_what_somebody_looked_at_is_learned(tmp_path):
-    [take] = read_takes([own_output(tmp_path / "walk.c3d")], ())
+@pytest.mark.parametrize("first", [1, -40])
+def test_of_our_own_output_only_what_somebody_looked_at_is_learned(tmp_path, first):
+    """Its file's first frame is 1, whatever its source called it."""
+    filled = {"marker": "B", "first": first, "last": first + 2}
+    report = {"first_frame": first, "doubtful": {"A": [[first + 4, first + 13]]}, "filled": [filled]}
+    [take] = read_takes([own_output(tmp_path / "walk.c3d", report)], ())
     column = [take.names.index(name) for name in "ABC"]
     seen = np.isfinite(take.xyz[:, column, 0])
     assert np.flatnonzero(~seen[:, 0]).tolist() == list(range(4, 14)), "what is doubtful"
@@ -198,6 +202,9 @@ def test_a_take_changed_since_is_what_somebody_says_and_one_all_doubtful_teaches
     every = {name: [[1, 30]] for name in NAMES}
     with pytest.raises(InputError, match="is doubtful in all of its frames, and nobody looked at it; expected"):
         read_takes([own_output(tmp_path / "walk.c3d", {"doubtful": every, "filled": []})], ())
+    for damaged in ({"first_frame": "one"}, {"first_frame": 7, "doubtful": {"A": [[1]]}}):
+        with pytest.raises(InputError, match="is damaged in its frames; expected"):
+            read_takes([own_output(tmp_path / "walk.c3d", damaged)], ())
 
 
 def test_markers_that_no_take_shows_stay_where_a_known_body_has_them(tmp_path):

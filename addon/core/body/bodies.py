@@ -189,7 +189,7 @@ class BodyModel:
 @stands_for(calls.pose)
 def pose(model: BodyModel, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotations, joints and markers of `Posed`."""
-    posed = model._pose(bodies, rotations.exponential(bodies.bends)[0], model.shaped_offsets(bodies))
+    posed = model._pose(bodies, rotations.turn_of(bodies.bends), model.shaped_offsets(bodies))
     return posed.rotations, posed.joints, posed.markers
 
 

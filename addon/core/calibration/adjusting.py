@@ -17,7 +17,7 @@ import numpy as np
 from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, Labels
 from ..geometry.cameras import Cameras
-from ..geometry.rotations import exponential
+from ..geometry.rotations import turn_of
 from ..geometry.triangulation import meet_rows
 from ..review.camera_places import SHIFT_SD_M, TURN_SD_RAD
 from ..review.odd_cameras import MIN_RAYS
@@ -161,7 +161,7 @@ class _Bundle:
     def _moved(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rotations (C, 3, 3), translations (C, 3) m and points (P, 3) m."""
         steps = unknowns[: len(self.held)].reshape(-1, TURN_AND_SHIFT)
-        turn, _ = exponential(steps[:, :3])
+        turn = turn_of(steps[:, :3])
         rotation, translation = self.cameras.rotation.copy(), self.cameras.translation.copy()
         rotation[self.free] = turn @ rotation[self.free]
         translation[self.free] = np.einsum("cij,cj->ci", turn, translation[self.free]) + steps[:, 3:]
@@ -198,14 +198,14 @@ def held(before: Cameras, after: Cameras, seen: Sightings) -> Cameras:
     goal, middle = _imaged(after, camera, places), places.mean(axis=0)
 
     def misses(world: np.ndarray) -> np.ndarray:
-        turn = np.exp(world[6]) * exponential(world[:3])[0]
+        turn = np.exp(world[6]) * turn_of(world[:3])
         moved = (places - middle) @ turn.T + middle + world[3:6]
         return ((_imaged(before, camera, moved) - goal) * weight[:, None]).ravel()
 
     world, beyond = np.zeros(7), MARKER_LIMITS.noise_px / SIGMAS  # no noise of blobs is in it
     for loss in ("soft_l1", "cauchy"):
         world = least_squares(misses, world, loss=loss, f_scale=beyond, x_scale="jac").x
-    turn, scale = exponential(world[:3])[0], np.exp(world[6])
+    turn, scale = turn_of(world[:3]), np.exp(world[6])
     shift = middle + world[3:6] - scale * turn @ middle
     rotation = after.rotation @ turn.T
     return replace(after, rotation=rotation, translation=scale * after.translation - rotation @ shift)

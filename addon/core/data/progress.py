@@ -59,6 +59,22 @@ def in_stages(work: Steps[Result], begins: Mapping[str, float]) -> Generator[Pro
     return within(work, 0.0, 0.0, spans=dict(zip(begins, pairwise((*begins.values(), 1.0)), strict=True)))
 
 
+def rising(work: Generator[Progress, None, Result]) -> Generator[Progress, None, Result]:
+    """The same work, whose progress never falls: what begins again has what is left of the whole."""
+    said = told = 0.0  # how far it says that it is, and what is told of that
+    again = then = 0.0  # the same where it began again
+    while True:
+        try:
+            step = next(work)
+        except StopIteration as end:
+            return end.value
+        if step.fraction < said:
+            again, then = step.fraction, told
+        said = step.fraction
+        told = then + (1 - then) * (said - again) / (1 - again)
+        yield Progress(told, step.note)
+
+
 def finished(work: Generator[Item, Any, Result], tell: Callable[[Item], None] | None = None) -> Result:
     """What work returns once it is stepped to its end; `tell` hears all that it yields, and ends it by raising.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..data.errors import InputError
 from ..data.takes import Blobs, EditOutcome, Labels, PointRows, Points
-from ..data.wording import listed
+from ..data.wording import listed, words_of_frames
 from .kinds import BLOB_RADIUS_PX, EDIT_KINDS, BlobEdit, Edit, Edits, Place, PointEdit, Swap
 from .replay import Edited, Replay
 
@@ -162,10 +162,10 @@ def apply_edits(labels: Labels, edits: Edits, cells: Cells) -> AppliedEdits:
 def apply_edit(replay: Replay, edit: Edit, cells: Cells) -> EditOutcome:
     """Applies an edit to a take; what became of it."""
     first, last = edit.span or (cells.first_frame, cells.first_frame + cells.frame_count - 1)
+    words = words_of_frames(first, last) if edit.span else "the take"
     frames = slice(max(first - cells.first_frame, 0), min(last - cells.first_frame + 1, cells.frame_count))
     if frames.start >= frames.stop:
-        one = edit.span is None or first == last
-        return EditOutcome(edit.verb.kind, 0, f"{_when(edit)} {'is' if one else 'are'} {NOT_AMONG}")
+        return EditOutcome(edit.verb.kind, 0, f"{words} {'is' if first == last else 'are'} {NOT_AMONG}")
     rows, why = slice(frames.start * cells.images, frames.stop * cells.images), ""
     marker, change = [cells.names[name] for name in edit.names], edit.verb.change
     if isinstance(edit, PointEdit | BlobEdit):
@@ -176,13 +176,7 @@ def apply_edit(replay: Replay, edit: Edit, cells: Cells) -> EditOutcome:
     else:
         count = change(replay, rows, *marker)
     missing = edit.verb.missing.format(target=edit.target)
-    return EditOutcome(edit.verb.kind, count, "" if count else why or f"{missing} in {_when(edit)}")
-
-
-def _when(edit: Edit) -> str:
-    """The frames that an edit is about, in a sentence about what it did not find."""
-    first, last = edit.span or (None, None)
-    return "the take" if first is None else f"frame {first}" if first == last else f"frames {first} to {last}"
+    return EditOutcome(edit.verb.kind, count, "" if count else why or f"{missing} in {words}")
 
 
 def joined(chunks: Iterable[tuple[EditOutcome, ...]]) -> tuple[EditOutcome, ...]:

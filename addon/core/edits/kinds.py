@@ -239,7 +239,7 @@ EDIT_KINDS: tuple[type[Edit], ...] = (
     *(Delete, DeleteBlob, Place, Right, Accepted),
 )
 # Frames in a sentence: one, or the first and last of some. How many there are is said before the word.
-FRAMES_IN_WORDS = re.compile(r"\bframes? -?\d+(?:(?:–| to )-?\d+)?")
+FRAMES_IN_WORDS = re.compile(r"\bframes? -?\d+(?:–-?\d+)?")
 
 
 def words_of(edit: Edit, counted: Callable[[int], int] = int) -> str:

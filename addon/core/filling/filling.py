@@ -254,7 +254,7 @@ class _Filler:
         there = own & np.isfinite(self.take.xyz[:, neighbours, 0]).all(axis=1)
         total, half = np.r_[0, np.cumsum(there)], max(len(gap) // 2, 1)
         # Where the marker is never there for so long: one of its samples with the gaps at both sides of it.
-        for length, least in ((len(gap), len(gap)), (half, half), (2 * len(gap) + 1, 1)):
+        for length, least in dict.fromkeys(((len(gap), len(gap)), (half, half), (2 * len(gap) + 1, 1))):
             inside = total[length + 1 : -1] - total[1 : -length - 1]
             starts = np.flatnonzero(there[: -length - 1] & there[length + 1 :] & (inside >= least)) + 1
             errors = []

@@ -23,13 +23,13 @@ FIRST = 4  # frames of a take's beginning, whose points are counted before any i
 MOST_FRAMES = 12  # that are looked at, spread over the take
 
 
-def refuse_two(read: Callable[[], Iterable[Blobs]], cameras: Cameras, model: Model):
-    """Raises JobError where a take, which `read` begins to read, shows two subjects before any of it is named.
+def refuse_two(beginning: Blobs, read: Callable[[], Iterable[Blobs]], cameras: Cameras, model: Model):
+    """Raises JobError where a take, which `read` reads, shows two subjects before any of it is named.
 
     Whether all of it is read for that, the number of points in its beginning says.
     """
     begun, whole = OtherSubjects(cameras, model), OtherSubjects(cameras, model)
-    begun.add(next(iter(read())))
+    begun.add(beginning)
     if is_crowd(begun.some_points(FIRST), model):
         for blobs in read():
             whole.add(blobs)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.cameras import Cameras
-from ..geometry.rotations import exponential
+from ..geometry.rotations import turn_of
 from .camera_order import CAMERA_HEALTH, near_image
 
 TURN_SD_RAD = 0.05  # physical: rad, of a camera's turn about an axis by somebody who knocks against it; 3°
@@ -78,7 +78,7 @@ def _voted_turn(seen: np.ndarray, image: np.ndarray) -> np.ndarray:
     # About its own axis in steps that move the edge of what it sees by a bin.
     step = TURN_BIN_RAD / np.abs(seen[:, :2] / seen[:, 2:]).max()
     for roll in np.arange(-TURN_REACH_RAD, TURN_REACH_RAD, step):
-        rolled = exponential(np.array([0.0, 0.0, roll]))[0]
+        rolled = turn_of(np.array([0.0, 0.0, roll]))
         turned = seen @ rolled.T
         away = image - (turned[:, :2] / turned[:, 2:])[:, None]
         across, down = away[np.isfinite(away).all(axis=-1)].T
@@ -88,7 +88,7 @@ def _voted_turn(seen: np.ndarray, image: np.ndarray) -> np.ndarray:
         if total[at] > best:
             best = float(total[at])
             x, y = edges[list(at)] + TURN_BIN_RAD / 2
-            turn = exponential(np.array([-y, x, 0.0]))[0] @ rolled
+            turn = turn_of(np.array([-y, x, 0.0])) @ rolled
     return turn
 
 
@@ -101,7 +101,7 @@ def _refined(seen: np.ndarray, image: np.ndarray, turn: np.ndarray, near: float)
     seen = seen @ turn.T
 
     def placed(unknown: np.ndarray) -> np.ndarray:
-        return seen @ exponential(unknown[:3])[0].T + unknown[3:]
+        return seen @ turn_of(unknown[:3]).T + unknown[3:]
 
     # Blobs are looked for near and nearer, each time from where the last ones left the camera.
     for reach in np.geomspace(max(4 * TURN_BIN_RAD, near), near, 8):
@@ -115,7 +115,7 @@ def _refined(seen: np.ndarray, image: np.ndarray, turn: np.ndarray, near: float)
             return np.concatenate([((_imaged(placed(given)[close]) - goal) / near).ravel(), given / sd])
 
         unknown = least_squares(misses, unknown, loss="soft_l1").x
-    small = exponential(unknown[:3])[0]
+    small = turn_of(unknown[:3])
     return small @ turn, unknown[3:]
 
 

@@ -134,7 +134,7 @@ def capture(
 def disturbed(cameras: Cameras, millimetres: float, milliradians: float, generator: np.random.Generator) -> Cameras:
     """The cameras moved by exactly `millimetres` and turned by exactly `milliradians`, each in a random direction."""
     shift = _directions(generator, len(cameras)) * millimetres / 1000
-    turn = rotations.exponential(_directions(generator, len(cameras)) * milliradians / 1000)[0]
+    turn = rotations.turn_of(_directions(generator, len(cameras)) * milliradians / 1000)
     rotation = turn @ cameras.rotation
     translation = -np.einsum("cij,cj->ci", rotation, cameras.centres + shift)
     return replace(cameras, rotation=rotation, translation=translation)

@@ -82,7 +82,7 @@ def bent(points: np.ndarray) -> list[np.ndarray]:
     tree = minimum_spanning_tree(away + np.finfo(float).tiny)  # to SciPy 0 is no link
     order, above = breadth_first_order(tree, int(away.sum(axis=1).argmin()), directed=False)
     made = np.full((IMAGINING.people, IMAGINING.frames, len(frame), 3), np.nan)
-    turns = rotations.exponential(IMAGINING.link_sd_rad * rng.standard_normal((*made.shape[:2], len(cloud), 3)))[0]
+    turns = rotations.turn_of(IMAGINING.link_sd_rad * rng.standard_normal((*made.shape[:2], len(cloud), 3)))
     made[:, :, there[order[0]]] = cloud[order[0]]
     for marker in order[1:]:
         turns[:, :, marker] = turns[:, :, above[marker]] @ turns[:, :, marker]

@@ -25,7 +25,7 @@ def poses_of(markerset: MarkerSet, points: np.ndarray) -> np.ndarray:
     bodies = bodies.pick(np.isfinite(bodies.translation[:, 0]))
     turn = rotations.quaternion_to_matrix(bodies.quaternion)
     heading = rotations.about_z(-np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
-    bends = rotations.rotation_vector(rotations.exponential(bodies.bends)[0])
+    bends = rotations.rotation_vector(rotations.turn_of(bodies.bends))
     bends[:, 0] = rotations.rotation_vector(rotations.quaternion_to_matrix(heading) @ turn)
     return bends
 

@@ -104,7 +104,7 @@ def is_page(path: Path) -> bool:
     try:
         with open_binary(path) as file:
             return mark in file.read(1000)
-    except (InputError, OSError):
+    except InputError:
         return False
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from addon.core.calibration.adjusting import MIN_RAYS, Sightings, adjusted, held
 from addon.core.geometry.cameras import Cameras
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import turn_of
 from addon.core.simulation.rigs import ring_rig
 
 NOISE = 0.3  # px
@@ -21,7 +21,7 @@ def moved(cameras: Cameras, which, degrees: float, millimetres: float, seed: int
     rotation, centres = cameras.rotation.copy(), cameras.centres.copy()
     for index in which:
         axis, way = (row / np.linalg.norm(row) for row in random.standard_normal((2, 3)))
-        rotation[index] = exponential(axis * np.radians(degrees))[0] @ rotation[index]
+        rotation[index] = turn_of(axis * np.radians(degrees)) @ rotation[index]
         centres[index] += way * millimetres / 1000
     return replace(cameras, rotation=rotation, translation=-np.einsum("cij,cj->ci", rotation, centres))
 
@@ -78,7 +78,7 @@ def test_the_world_is_that_of_the_cameras_that_stayed(seed):
     random = np.random.default_rng(seed)
     before = ring_rig(6, generator=random)
     alone = moved(before, [2], 1.0, 40, seed)
-    turn, scale, shift = exponential(0.02 * random.standard_normal(3))[0], 1.01, 0.05 * random.standard_normal(3)
+    turn, scale, shift = turn_of(0.02 * random.standard_normal(3)), 1.01, 0.05 * random.standard_normal(3)
     rotation = alone.rotation @ turn.T
     together = replace(alone, rotation=rotation, translation=scale * alone.translation - rotation @ shift)
     found = held(before, together, seen_by(alone, before, seed=seed))

@@ -9,12 +9,12 @@ import pytest
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Blobs, Labels
-from addon.core.filling.filling import FILL_METHODS, FilledGap, FilledTake, FillOptions, fill_take, kept_fills_of
+from addon.core.filling.filling import FILL_METHODS, PLAIN, FilledGap, FilledTake, FillOptions, fill_take, kept_fills_of
 from addon.core.filling.gaps import Gap
 from addon.core.filling.kept import KeptFill, put_fills, replaced_fills, resting_on
 from addon.core.filling.rays import MarkerRays, constrained, rays_of
 from addon.core.filling.smoothing import count_smoothed, smoothed
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import turn_of
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.virtual import Act, perform
 from tests.core.scenes import built_in, motion_of, person_of
@@ -33,7 +33,7 @@ def chain() -> np.ndarray:
     place, points = np.stack([time, 0.3 * np.sin(time), 0 * time], axis=1), []
     for index, form in enumerate(forms):
         bend = np.stack([np.sin((2 + index) * time), np.cos(3 * time + index), np.sin(time) + 0.4 * index], axis=1)
-        turn = exponential(0.8 * bend)[0]
+        turn = turn_of(0.8 * bend)
         soft = 0.004 * np.sin(5 * time)[:, None, None] * form
         points.append(place[:, None] + np.einsum("tij,tnj->tni", turn, form + soft))
         place = place + turn @ [0.3, 0, 0]
@@ -79,7 +79,7 @@ def test_measured_samples_stay_and_filled_ones_are_finite(chain, seed):
 
 @pytest.mark.parametrize("method", [method for method in FILL_METHODS if method != "body"])
 def test_what_is_filled_turns_and_moves_with_the_take(chain, method):
-    turn, place = exponential(np.array([0.3, -0.8, 2.0]))[0], np.array([3.0, -2.0, 0.5])
+    turn, place = turn_of(np.array([0.3, -0.8, 2.0])), np.array([3.0, -2.0, 0.5])
     cut = holed(chain, (2, 100, 140), (3, 120, 130), (11, 200, 206))
     here = filled(cut, method=method)
     there = filled(cut @ turn.T + place, method=method)
@@ -122,6 +122,18 @@ def test_nothing_is_drawn_beyond_the_ends_by_what_cannot_carry_it(chain):
     assert "are allowed at an end of the take" in strict.left[0].reason
     lonely = holed(chain[:, :1], (0, 0, 30))
     assert not filled(lonely).filled.any()
+
+
+def test_no_trial_is_made_twice(chain, monkeypatch):
+    tried = []
+
+    def carried(_take, gap, *_):
+        tried.append(gap)
+        return None if tried[1:] else chain[:1, 0]
+
+    monkeypatch.setitem(PLAIN, "rigid", carried)
+    filled(holed(chain, (5, 150, 151)), method="rigid")
+    assert len(tried) > 5 and len(set(tried)) == len(tried)
 
 
 def test_gaps_of_others_do_not_mislead_and_a_spline_bridges_where_nothing_else_is_known(chain):

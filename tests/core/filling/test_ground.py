@@ -24,7 +24,7 @@ FEET, STRIDE, STANCE = (4, 7), 110, 66  # frames of a stride, and in which a foo
 
 
 def about_y(angle: np.ndarray) -> np.ndarray:
-    return rotations.exponential(np.multiply.outer(angle, [0.0, 1.0, 0.0]))[0]
+    return rotations.turn_of(np.multiply.outer(angle, [0.0, 1.0, 0.0]))
 
 
 def chained(root: np.ndarray, turns: np.ndarray) -> np.ndarray:
@@ -73,7 +73,7 @@ def wavering(**walking) -> tuple[np.ndarray, ...]:
     slow *= np.radians(0.3) / slow.std(axis=0)
     slow[:, FEET] *= 5
     off = slow + rng.normal(0, np.radians(0.1), slow.shape)
-    turned = turns @ rotations.exponential(off)[0]
+    turned = turns @ rotations.turn_of(off)
     return chained(root + rng.normal(0, 0.0005, root.shape) - [0, 0, 0.012], turned), turned, right, planted
 
 
@@ -206,7 +206,7 @@ def test_a_body_is_settled_and_retargeted_without_scipy_for_whose_import_a_windo
 def test_smoothing_takes_shaking_out_of_the_body_and_leaves_its_lengths():
     right, turns, planted = walk()
     rng = np.random.default_rng(1)
-    turned = turns @ rotations.exponential(rng.normal(0, np.radians(0.5), (*turns.shape[:2], 3)))[0]
+    turned = turns @ rotations.turn_of(rng.normal(0, np.radians(0.5), (*turns.shape[:2], 3)))
     joints = chained(right[:, 0] + rng.normal(0, 0.003, right[:, 0].shape), turned)
     shaking = [np.linalg.norm(np.diff(one, 2, axis=0), axis=2).mean() for one in (joints, right)]
     now, after = settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE, cutoff=6.0)
@@ -215,7 +215,7 @@ def test_smoothing_takes_shaking_out_of_the_body_and_leaves_its_lengths():
     assert np.quantile(slides(now, after, planted), 0.99) < 0.002
     np.testing.assert_allclose(np.linalg.norm(now[:, 3] - now[:, 2], axis=1), THIGH, atol=1e-9)
     # A quaternion that changes its sign between two frames is no turn.
-    spin = rotations.exponential(np.multiply.outer(np.linspace(0, 4 * np.pi, len(turns)), [0, 0, 1.0]))[0][:, None]
+    spin = rotations.turn_of(np.multiply.outer(np.linspace(0, 4 * np.pi, len(turns)), [0, 0, 1.0]))[:, None]
     spun = settled(joints @ spin[:, 0].swapaxes(-1, -2), spin @ turned, SEGMENTS, PARENTS, ENDS, RATE, cutoff=6.0)[1]
     off = rotations.rotation_vector(spin[:, 0].swapaxes(-1, -2) @ spun[:, 0])
     assert np.linalg.norm(off, axis=1)[20:-20].max() < np.radians(5)
@@ -284,7 +284,7 @@ def test_the_ball_holds_still_while_the_foot_turns_on_its_tip_and_its_heel_comes
     frames = np.arange(400)
     step = np.clip((frames - 200) / 30, 0, 1)
     joints, turns = standing(np.full(len(frames), 0.02), 0.7 * (1 - step * step * (3 - 2 * step)))
-    turn = rotations.exponential(np.multiply.outer(0.6 * step, [0.0, 0.0, 1.0]))[0]
+    turn = rotations.turn_of(np.multiply.outer(0.6 * step, [0.0, 0.0, 1.0]))
     still = joints[:, -2:] + turns[:, -2:] @ [0.01, 0, 0.025]  # such as a marker on the ball
     joints = (joints - still[:, :1]) @ turn.swapaxes(1, 2) + still[:1, :1]
     joints[:, :, 0] += 0.008 * (frames > 300)[:, None]  # as of markers that were knocked

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from addon.core.body.sides import MIRROR
 from addon.core.data.errors import ForceableError, JobError
-from addon.core.data.progress import finished
+from addon.core.data.progress import Progress, finished, rising
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, Labels
 from addon.core.geometry import rotations
 from addon.core.points import refusals, unordered
@@ -50,7 +50,7 @@ def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
         flat = shape.uniform(-0.12, 0.12, (4, 3))
         swing = np.hstack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + plate), time])
         at = np.array([0.35 * plate - 0.35, 0, 0.5 + 0.3 * plate])
-        parts.append(np.einsum("fij,mj->fmi", rotations.exponential(swing)[0], flat) + at)
+        parts.append(np.einsum("fij,mj->fmi", rotations.turn_of(swing), flat) + at)
     whole = np.concatenate(parts, axis=1)
     return whole + np.random.default_rng(seed).normal(0, 0.0004, whole.shape)
 
@@ -100,8 +100,12 @@ def test_a_take_that_the_first_likelihood_refuses_is_named_by_the_second():
     with pytest.raises(JobError, match="does not look like a take of model body39"):
         finished(label_take(take, replace(model, second=None), PointOptions("likelihood")))
     for force in (False, True):
-        given = finished(label_take(take, model, PointOptions("likelihood", force=force))).labels.marker
+        told: list[Progress] = []
+        work = label_take(take, model, PointOptions("likelihood", force=force))
+        given = finished(rising(work), told.append).labels.marker
         assert (given == own).mean() > 0.9
+        shares = [one.fraction for one in told]
+        assert shares == sorted(shares) and 0.5 < shares[-1] < 1, "it is named twice"
 
 
 @pytest.mark.parametrize("laned", [False, True])

@@ -52,11 +52,11 @@ def test_an_arm_that_is_in_another_fold_for_a_while_is_put_right_from_both_sides
     """
     model, begin = BodyModel(open_markerset("body39")), posing._between
     arm, points = model.markerset.skeleton.segments.index("upper_arm.R"), model.pose(walk(model)).markers
-    twist = rotations.exponential(np.array([3.0, 0, 0]))[0]
+    twist = rotations.turn_of(np.array([3.0, 0, 0]))
 
     def folded(*given):
         start = begin(*given)
-        bent = rotations.exponential(start.bends[20:40, arm])[0] @ twist
+        bent = rotations.turn_of(start.bends[20:40, arm]) @ twist
         start.bends[20:40, arm] = rotations.rotation_vector(bent)
         return start
 
@@ -98,7 +98,7 @@ def test_any_facing_and_any_place(model, facing):
 
 
 def test_who_lies_or_lacks_markers_is_posed_where_there_are_enough_and_no_wrong_label_drags_the_body(model):
-    turn = rotations.exponential(np.array([0, np.pi / 2, 0]))[0]
+    turn = rotations.turn_of(np.array([0, np.pi / 2, 0]))
     points = model.pose(walk(model, 9)).markers @ turn.T
     assert np.median(off(model, fit_points(model, points), points)) < 0.004
     whole = model.pose(walk(model)).markers
@@ -187,7 +187,7 @@ def test_a_lower_body_has_hips_and_legs_and_who_was_not_found_is_nowhere():
     markerset = open_markerset("actor41")
     character = character_of(*at_rest(markerset))
     nowhere = np.full((1, len(markerset.skeleton), 3), np.nan)
-    assert np.isnan(character.posed(nowhere, rotations.exponential(nowhere)[0])[0]).all()
+    assert np.isnan(character.posed(nowhere, rotations.turn_of(nowhere))[0]).all()
     bodies = finer(markerset)
     own = character_of(*at_rest(bodies))
     assert own.names == character.names

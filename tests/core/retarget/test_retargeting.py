@@ -9,7 +9,7 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
-from addon.core.geometry.rotations import exponential, rotation_vector
+from addon.core.geometry.rotations import rotation_vector, turn_of
 from addon.core.posing.character import BONE_NAMES, both_sides, character_of
 from addon.core.posing.finer import finer
 from addon.core.retarget.matching import CONTROLS, DEFORMING, RestBones, match_bones, match_map, read_as
@@ -97,7 +97,7 @@ def test_a_long_foot_that_hangs_in_the_air_comes_out_of_the_floor_smoothly_and_l
     hung = np.sin(np.pi * np.clip((np.arange(120) - 40) / 40, 0, 1))[:, None] ** 2
     turns = rotations[:1].repeat(120, axis=0)
     for segment in both(at, "foot", "toes"):
-        turns[:, segment] = exponential(down * hung * [0, 1.0, 0])[0] @ turns[:, segment]
+        turns[:, segment] = turn_of(down * hung * [0, 1.0, 0]) @ turns[:, segment]
     motion, one = (joints[:1] + high * hung[..., None] * [0, 0, 1], turns), rig(raised=raised)
     for end in (one.heads, one.tails):
         end[both(one.at, "foot", "toes"), 1] *= 2
@@ -190,7 +190,7 @@ def on_tiptoe(squats, most=0.9, frames=15):
     still, turns = joints[:1].repeat(120, axis=0), rotations[:1].repeat(120, axis=0)
     foot, toes = (both(segment_of(character), part) for part in ("foot", "toes"))
     way = still[:, toes] - still[:, foot]
-    up = exponential(np.outer(lift, [0.0, 1, 0]))[0][:, None]
+    up = turn_of(np.outer(lift, [0.0, 1, 0]))[:, None]
     turns[:, foot] = up @ turns[:, foot]
     others = np.delete(np.arange(still.shape[1]), toes)
     still[:, others] += (way - (up @ way[..., None])[..., 0]).mean(axis=1, keepdims=True)
@@ -274,9 +274,9 @@ def test_hips_that_are_wider_turn_less_so_that_planted_feet_do_not_bend_legs(squ
     turned = 0.3 * np.sin(np.linspace(0, 4 * np.pi, 120))
     half = 0.5 * np.linalg.norm(joints[0, at["thigh.L"]] - joints[0, at["thigh.R"]])
     long = joints[0, at["thigh.L"], 2] - joints[0, at["foot.L"], 2]
-    turns[:, at["hips"]] = exponential(np.outer(turned, [0, 0, 1.0]))[0] @ turns[:, at["hips"]]
+    turns[:, at["hips"]] = turn_of(np.outer(turned, [0, 0, 1.0])) @ turns[:, at["hips"]]
     for side, sign in zip("LR", (1, -1), strict=True):  # legs swing about the body's left, where their feet stay
-        swing = exponential(np.outer(sign * half * np.sin(turned) / long, [0, -1.0, 0]))[0]
+        swing = turn_of(np.outer(sign * half * np.sin(turned) / long, [0, -1.0, 0]))
         for part in ("thigh", "shank"):
             turns[:, at[f"{part}.{side}"]] = swing @ turns[:, at[f"{part}.{side}"]]
     off, hips = {}, {}
@@ -357,7 +357,7 @@ def test_axes_of_a_rig_are_those_it_has_at_rest():
     turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     one = rig()
     for leaning in (0.0, 0.2):  # all of it to the side
-        turned = turn @ exponential(np.array([[0, leaning, 0]]))[0][0]
+        turned = turn @ turn_of(np.array([0, leaning, 0]))
         axes = axes_at_rest({part: turned @ one.heads[index] for part, index in one.at.items()})
         np.testing.assert_allclose(axes, turned, atol=1e-12)
     uneven = {part: one.heads[index] for part, index in one.at.items()}

@@ -11,7 +11,7 @@ import pytest
 
 from addon.core.data.takes import NO_MARKER, Blobs
 from addon.core.geometry.cameras import Cameras
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import turn_of
 from addon.core.review.odd_cameras import CameraCheck, _renamed
 from addon.core.review.suspects import cameras_in
 from addon.core.simulation.rigs import ring_rig
@@ -63,7 +63,7 @@ def turned(cameras: Cameras, *which: tuple[int, np.ndarray]) -> Cameras:
     """The cameras, some of them turned where they stand by a rotation vector."""
     rotation = cameras.rotation.copy()
     for index, vector in which:
-        rotation[index] = exponential(np.asarray(vector, float))[0] @ rotation[index]
+        rotation[index] = turn_of(np.asarray(vector, float)) @ rotation[index]
     return replace(cameras, rotation=rotation, translation=-np.einsum("cij,cj->ci", rotation, cameras.centres))
 
 

@@ -167,7 +167,7 @@ def test_markers_in_usual_places_are_known_without_their_names_and_what_is_no_pe
     box = rng.uniform(-0.15, 0.15, (6, 3))
     parts, place = [], np.zeros((len(time), 3))
     for link in range(3):
-        turn = rotations.exponential(np.column_stack([np.sin(time + link), 0.5 * np.cos(2 * time), 0 * time]))[0]
+        turn = rotations.turn_of(np.column_stack([np.sin(time + link), 0.5 * np.cos(2 * time), 0 * time]))
         parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, np.add(box, [0, 0, 0.25])))
         place = place + turn @ np.array([0, 0, 0.5])
     points = np.concatenate(parts, axis=1)

@@ -150,7 +150,7 @@ def leg(frames: int = 120, size: float = 1.0, seed: int = 0) -> np.ndarray:
     for joint, height, amount, often in LEG:
         shape = np.add(form.uniform(-0.08, 0.08, (4, 3)), [0, 0, height])
         bend = amount * np.sin(time * often + motion.uniform(0, 6, 3))
-        place, turn = place + turn @ np.array(joint), turn @ rotations.exponential(bend)[0]
+        place, turn = place + turn @ np.array(joint), turn @ rotations.turn_of(bend)
         parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shape))
     return size * np.concatenate(parts, axis=1) + motion.normal(0, 0.0005, (frames, 12, 3))
 

@@ -13,7 +13,7 @@ from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points
-from addon.core.geometry.rotations import exponential, rotation_vector
+from addon.core.geometry.rotations import rotation_vector, turn_of
 from addon.core.geometry.upright import turned
 from addon.core.points.motion import motion_of
 from addon.core.points.refusals import REFUSAL
@@ -255,7 +255,7 @@ FORM = np.array([[0.15, 0, 0], [0.35, 0, 0.02], [0.6, 0.11, 0], [0.68, 0, 0.01],
 def swung(frames, seed, place):
     """(T, 5, 3) m, a racket that is turned about, held where `place` (T, 3) is."""
     turn = np.cumsum(np.random.default_rng(seed).normal(0, 0.05, (frames, 3)), axis=0)
-    return place[:, None] + np.einsum("tij,mj->tmi", exponential(turn)[0], FORM)
+    return place[:, None] + np.einsum("tij,mj->tmi", turn_of(turn), FORM)
 
 
 @pytest.fixture(scope="module")
