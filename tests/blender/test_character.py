@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The take's character: usual bones, exported, read again, copied onto a rig of one's own; and its keys in bulk."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -278,7 +279,9 @@ def test_blender_s_own_usd_has_markers_and_armature_in_motion(shown, tmp_path):
 
 
 def test_who_is_no_person_has_no_character(empty, made, extension):
-    collection = takes.show_take(empty, made.take())
+    known = made.markerset()
+    creature = replace(known.skeleton, segments=tuple(f"part {at}" for at in range(len(known.skeleton))))
+    collection = takes.show_take(empty, made.take(markerset=replace(known, skeleton=creature)))
     stored = Opened().take(collection, empty.scene)
     with pytest.raises(InputError, match="no person's skeleton"):
         characters.add_character(empty, collection, characters.moving_in(collection, stored), "HUMANIK")
