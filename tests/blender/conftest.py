@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A small person, four cameras around her, and a take that is known to the last digit, inside a fresh Blender."""
+"""The toy person, four cameras around her, and a take that is known to the last digit, inside a fresh Blender."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,44 +27,11 @@ from addon.io.markersets import open_markerset  # noqa: E402
 from addon.io.models import write_model  # noqa: E402
 from addon.io.points import write_c3d  # noqa: E402
 from addon.scene.take import Take, show_take  # noqa: E402
-from tests.core.toybody import made_up  # noqa: E402
+from tests.core.toybody import toy_markerset  # noqa: E402
 
 from .hands import FRAMES, GHOST, MODULE, ours, press  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-
-SEGMENTS = (  # as in toybody
-    ("pelvis", None, (0, 0, 0.53), (0, 0, 0), (0, 0, 0.06), 0.075),
-    ("trunk", "pelvis", (0, 0, 0.06), (0, 0, 0), (0, 0, 0.21), 0.08),
-    ("head", "trunk", (0, 0, 0.27), (0, 0, 0), (0, 0, 0.09), 0.05),
-    ("l_arm", "trunk", (0, 0.11, 0.2), (0, 0, 0), (0, 0.02, -0.3), 0.025),
-    ("r_arm", "trunk", (0, -0.11, 0.2), (0, 0, 0), (0, -0.02, -0.3), 0.025),
-    ("l_thigh", "pelvis", (0, 0.05, -0.02), (0, 0, 0), (0, 0, -0.23), 0.045),
-    ("r_thigh", "pelvis", (0, -0.05, -0.02), (0, 0, 0), (0, 0, -0.23), 0.045),
-    ("l_shank", "l_thigh", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.22), 0.03),
-    ("r_shank", "r_thigh", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.22), 0.03),
-)
-MARKERS = (
-    ("SACR", "pelvis", (-0.08, 0, 0.03)),
-    ("LASI", "pelvis", (0.08, 0.06, 0.05)),
-    ("RASI", "pelvis", (0.08, -0.06, 0.05)),
-    ("C7", "trunk", (-0.09, 0, 0.24)),
-    ("CLAV", "trunk", (0.09, 0.01, 0.2)),
-    ("LFHD", "head", (0.055, 0.03, 0.1)),
-    ("RBHD", "head", (-0.055, -0.03, 0.1)),
-    ("LWRA", "l_arm", (0.03, 0.02, -0.28)),
-    ("RWRA", "r_arm", (0.03, -0.02, -0.28)),
-    ("LKNE", "l_thigh", (0, 0.05, -0.23)),
-    ("RKNE", "r_thigh", (0, -0.05, -0.23)),
-    ("LANK", "l_shank", (0, 0.035, -0.21)),
-    ("RANK", "r_shank", (0, -0.035, -0.21)),
-)
-
-
-def make_markerset() -> MarkerSet:
-    """A person of nine segments and thirteen markers."""
-    joints = len(SEGMENTS)
-    return made_up("small", SEGMENTS, MARKERS, np.zeros((0, joints + len(MARKERS), 3)), 0.01, np.eye(3 * joints) * 0.01)
 
 
 def make_cameras(lens: float = 0.0) -> Cameras:
@@ -115,8 +82,8 @@ def make_blobs(markerset: MarkerSet, cameras: Cameras, motion: takes.Motion) -> 
 
 
 def make_take(frames: int = 20, lens: float = 0.0, name: str = "walk", markerset: MarkerSet | None = None) -> Take:
-    """A labelled take of the small person, or of one who wears another marker set."""
-    markerset, cameras = markerset or make_markerset(), make_cameras(lens)
+    """A labelled take of the toy person, or of one who wears another marker set."""
+    markerset, cameras = markerset or toy_markerset(), make_cameras(lens)
     motion = make_motion(markerset, frames)
     blobs, labels = make_blobs(markerset, cameras, motion)
     suspects = (takes.Suspect(104, 105, "nobody found"), takes.Suspect(110, 112, "left and right may be exchanged"))
@@ -126,10 +93,10 @@ def make_take(frames: int = 20, lens: float = 0.0, name: str = "walk", markerset
 def make_pair(frames: int = 20, name: str = "duet", markerset: MarkerSet | None = None) -> Take:
     """A labelled take of points of two people, ann and bob, 1.5 m apart, who are away for two frames.
 
-    They are small ones unless a marker set is given. Trajectories are the markers in their order, behind them one
+    They are toy ones unless a marker set is given. Trajectories are the markers in their order, behind them one
     without a name.
     """
-    markerset = markerset or make_markerset()
+    markerset = markerset or toy_markerset()
     alone = make_motion(markerset, frames)
     beside = {part: getattr(alone, part) + np.array([0, 1.5, 0]) for part in ("markers", "joints", "expected")}
     other = replace(alone, **beside, scale=alone.scale * 1.1)
@@ -149,7 +116,7 @@ def make_pair(frames: int = 20, name: str = "duet", markerset: MarkerSet | None 
 
 @pytest.fixture(scope="session")
 def made() -> SimpleNamespace:
-    makers = {"markerset": make_markerset, "cameras": make_cameras, "motion": make_motion, "blobs": make_blobs}
+    makers = {"markerset": toy_markerset, "cameras": make_cameras, "motion": make_motion, "blobs": make_blobs}
     return SimpleNamespace(**makers, take=make_take, pair=make_pair)
 
 
@@ -226,7 +193,7 @@ def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
 def write_walk(folder: Path, xyz: np.ndarray, markerset: MarkerSet, rate: float = 60.0) -> SimpleNamespace:
     """Writes a take of points without names, walk.c3d, and the marker set that is worn in it."""
     residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    take, worn = folder / "walk.c3d", folder / "small.markerset.json"
+    take, worn = folder / "walk.c3d", folder / "toy.markerset.json"
     write_c3d(take, takes.Points(("",) * xyz.shape[1], xyz, residual, rate, 101))
     write_model(worn, Model(markerset))
     own = {"edits": folder / "walk.edits.json", "markerset": str(worn)}
@@ -234,23 +201,23 @@ def write_walk(folder: Path, xyz: np.ndarray, markerset: MarkerSet, rate: float 
 
 
 def write_walk_and_ghost(folder: Path, frames=FRAMES, ghost=(1.5, 1.5, 0.2), rate=60.0) -> SimpleNamespace:
-    """Writes a take of the small person, a trajectory a marker, and a ghost's behind them."""
-    markerset = make_markerset()
+    """Writes a take of the toy person, a trajectory a marker, and a ghost's behind them."""
+    markerset = toy_markerset()
     xyz = np.concatenate([make_motion(markerset, frames).markers, np.tile(ghost, (frames, 1, 1))], axis=1)
     return write_walk(folder, xyz, markerset, rate)
 
 
 def write_room(folder: Path, frames: int, lens: float = 0.0) -> SimpleNamespace:
-    """Writes room.toml, small.markerset.json and walk.csv: what four cameras see of a person whom nobody loses."""
-    markerset, cameras = make_markerset(), make_cameras(lens)
+    """Writes room.toml, toy.markerset.json and walk.csv: what four cameras see of a person whom nobody loses."""
+    markerset, cameras = toy_markerset(), make_cameras(lens)
     motion = make_motion(markerset, frames)
     for part in (motion.markers, motion.expected, motion.joints, motion.rotations):
         part[3:5] = part[2]
     seen, truth = make_blobs(markerset, cameras, motion)
     write_cameras(folder / "room.toml", cameras)
     write_blobs(folder / "walk.csv", seen, cameras)
-    write_model(folder / "small.markerset.json", Model(markerset))
-    paths = {"cameras": "room.toml", "blobs": "walk.csv", "markerset": "small.markerset.json"}
+    write_model(folder / "toy.markerset.json", Model(markerset))
+    paths = {"cameras": "room.toml", "blobs": "walk.csv", "markerset": "toy.markerset.json"}
     known = {"room": cameras, "seen": seen, "truth": truth, "motion": motion, "names": markerset.markers}
     return SimpleNamespace(folder=folder, **{name: str(folder / path) for name, path in paths.items()}, **known)
 
@@ -266,14 +233,14 @@ def open_room(files: SimpleNamespace):
 def labelled_by_job(files, out: Path, **more) -> Path:
     """The folder in which the job of the command line has labelled the take of points."""
     jobs = ours("jobs")
-    finished(jobs.label_file(jobs.LabelJob(files.take, None, str(files.folder / "small.markerset.json"), out, **more)))
+    finished(jobs.label_file(jobs.LabelJob(files.take, None, str(files.folder / "toy.markerset.json"), out, **more)))
     return out
 
 
 def label_walk(folder: Path):
     """Labels the take that `write_walk` wrote by the extension's buttons."""
     press("import_points", filepath=folder / "walk.c3d")
-    press("open_markerset", filepath=folder / "small.markerset.json")
+    press("open_markerset", filepath=folder / "toy.markerset.json")
     press("label")
 
 

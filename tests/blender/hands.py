@@ -14,7 +14,7 @@ from addon.scene.ownership import curves_of
 
 MODULE = "bl_ext.mocap_tests.mocap_autolabel"
 FRAMES = 30
-GHOST = 13  # the trajectory that nobody wears; before it each is the marker of its number
+GHOST = 18  # the trajectory that nobody wears; before it each is the marker of its number
 
 
 def ours(name: str) -> ModuleType:
@@ -58,13 +58,13 @@ def add_object(name: str, data: bpy.types.ID | None = None) -> bpy.types.Object:
 
 
 def list_performers(folder: Path, *names: str):
-    """Puts performers into the list, who wear the small marker set of a folder."""
+    """Puts performers into the list, who wear the toy marker set of a folder."""
     subjects = bpy.context.scene.mocap_autolabel.subjects
     subjects.performing = "LISTED"
     for name in names:
         press("add_performer")
         row = subjects.performers[-1]
-        row.name, row.markerset, row.markerset_path = name, "FILE", str(folder / "small.markerset.json")
+        row.name, row.markerset, row.markerset_path = name, "FILE", str(folder / "toy.markerset.json")
 
 
 def session():

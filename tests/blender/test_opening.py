@@ -176,7 +176,7 @@ def test_a_take_that_was_opened_while_something_went_on_is_looked_at_after_it(se
 
 
 def test_blobs_come_with_their_calibration_and_a_marker_set_in_one_go_or_as_their_folder(settings, room, monkeypatch):
-    opened(room.folder, "walk.csv", "room.toml", f"small{SUFFIX}")
+    opened(room.folder, "walk.csv", "room.toml", f"toy{SUFFIX}")
     assert settings.source.blobs_path == room.blobs
     assert len(settings.source.cameras.objects) == 4
     assert settings.subjects.markerset_path == room.markerset
@@ -261,7 +261,7 @@ def many(tmp_path_factory):
 def ready(empty, settings, many, tmp_path):
     """A scene in which only the button is left to press."""
     press("import_cameras", filepath=many / "room.toml")
-    press("open_markerset", filepath=many / "small.markerset.json")
+    press("open_markerset", filepath=many / "toy.markerset.json")
     settings.folder.path, settings.folder.out = str(many / "in"), str(tmp_path / "out")
     settings.source.rate = 60.0
     module = ours("ops.label_folder")

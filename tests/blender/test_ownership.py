@@ -162,7 +162,7 @@ def test_what_a_person_changed_is_that_persons(duet, over, kind, change):
     else:
         assert takes.is_take(left)
         same = [one for one in left.all_objects if ownership.role_of(one)]
-        assert len(same) == 2 * (1 + 9 + 13) + 3
+        assert len(same) == 2 * (1 + 13 + 18) + 3
         assert all(ownership.is_untouched(one) for one in same)
 
 
@@ -349,7 +349,7 @@ def test_another_take_in_the_collection_is_left_alone(duet, made, over):
     over(duet.take)
     for name in guests:
         assert ownership.is_untouched(bpy.data.objects[name])
-    assert [len(bpy.data.collections[name].all_objects) for name in names] == [25, 25]
+    assert [len(bpy.data.collections[name].all_objects) for name in names] == [34, 34]
     assert {one.name for one in takes.takes_of(bpy.context.scene)} >= set(names)
 
 
@@ -363,7 +363,7 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
     else:
         assert takes.remove_take(collection, bpy.context.scene) is None
     shown = bpy.context.scene.objects
-    assert len(shown) == again * (2 * (1 + 9 + 13) + 3)
+    assert len(shown) == again * (2 * (1 + 13 + 18) + 3)
     assert all(item.library is None for item in shown)
 
 
@@ -440,7 +440,7 @@ def test_the_buttons_say_what_stays_and_undo_takes_them_back(labelled, extension
 def test_after_labelling_again_and_its_undo_the_take_at_hand_is_the_one_that_is_there(labelled, extension, name_as):
     count = len(stored_take().labels.marker)
     bpy.ops.ed.undo_push(message="Before")
-    name_as(np.r_[1, 0, 2:13, NO_MARKER])
+    name_as(np.r_[1, 0, 2:18, NO_MARKER])
     press("label")
     again = stored_take().labels.marker[:2]
     bpy.ops.ed.undo_push(message="Again")

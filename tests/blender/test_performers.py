@@ -124,7 +124,7 @@ def test_a_colour_is_the_bodys_and_of_all_that_is_drawn_also_when_labelled_again
     assert performers.colours_in(after)["bob"] == pytest.approx((0.1, 0.2, 0.3), abs=1e-4)
     assert [child.name for child in after.children] == ["ann", "bob"]
     alone = takes.show_take(empty, made.take())
-    assert performers.marker_colours(alone, Opened().take(alone, empty.scene).performers, 13) is None
+    assert performers.marker_colours(alone, Opened().take(alone, empty.scene).performers, 18) is None
 
 
 def test_the_file_keeps_who_is_who(empty, made, tmp_path):
@@ -137,7 +137,7 @@ def test_the_file_keeps_who_is_who(empty, made, tmp_path):
     assert stored.performers == performers.performers_of(take.markerset)
     assert [stored.segments[one.joint_rows] for one in stored.performers] == [made.markerset().skeleton.segments] * 2
     above = np.array(stored.parents)
-    assert (above[9:] == np.where(above[:9] < 0, -1, above[:9] + 9)).all()
+    assert (above[13:] == np.where(above[:13] < 0, -1, above[:13] + 13)).all()
     for field in ("markers", "joints", "scale", "expected"):
         np.testing.assert_allclose(getattr(stored.motion, field), getattr(take.motion, field), atol=1e-5)
     assert [one.reason for one in stored.suspects] == [one.reason for one in take.suspects]
@@ -149,7 +149,7 @@ def test_one_performer_has_no_name(empty, made):
     assert not performers.homes(collection)
     stored = Opened().take(collection, empty.scene)
     [only] = stored.performers
-    assert (only.name, only.model, only.marker_rows, only.joint_rows) == ("", "small", slice(0, 13), slice(0, 9))
+    assert (only.name, only.model, only.marker_rows, only.joint_rows) == ("", "toy", slice(0, 18), slice(0, 13))
     own = only.motion_of(stored.motion)
     for field in Motion.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(own, field), getattr(stored.motion, field))
@@ -286,7 +286,7 @@ def duet(extension, empty, settings, made):
 
 def test_gaps_are_filled_by_each_ones_own_markers(duet, made, tmp_path):
     """The marker set of each is the one that stands for the name in the list."""
-    write_model(tmp_path / "small.markerset.json", Model(made.markerset()))
+    write_model(tmp_path / "toy.markerset.json", Model(made.markerset()))
     list_performers(tmp_path, "ann", "bob")
     gap = slice(20 // 3, 20 // 2)
     there = np.isfinite(stored_take().motion.markers[gap, :, 0]).all(axis=0)
@@ -305,19 +305,19 @@ def test_gaps_are_filled_by_each_ones_own_markers(duet, made, tmp_path):
 def test_they_are_written_together_and_each_alone(duet, made, tmp_path):
     markers, take = made.markerset().markers, stored_take()
     press("export_c3d", filepath=tmp_path / "duet.c3d")
-    assert read_points(tmp_path / "duet.c3d").names[:26] == take.names
+    assert read_points(tmp_path / "duet.c3d").names[:36] == take.names
     words = {"filepath": str(tmp_path / "duet.trc"), "performer": ":APART"}
     press("export_trc", **words)
     for number, name in enumerate(("ann", "bob")):
         own = read_points(tmp_path / f"duet {name}.trc")
         assert own.names == markers
-        np.testing.assert_allclose(own.xyz[:], take.motion.markers[:, 13 * number : 13 * number + 13], atol=1e-5)
+        np.testing.assert_allclose(own.xyz[:], take.motion.markers[:, 18 * number : 18 * number + 18], atol=1e-5)
     refused(r"duet ann\.trc", "export_trc", **words)  # which nobody was asked about
     for _ in range(2):
         press("export_c3d", filepath=tmp_path / "b.c3d", performer="bob")
     alone = read_points(tmp_path / "b.c3d")
     assert alone.names == markers
-    np.testing.assert_allclose(alone.xyz[:], take.motion.markers[:, 13:], atol=1e-5)
+    np.testing.assert_allclose(alone.xyz[:], take.motion.markers[:, 18:], atol=1e-5)
 
 
 def test_each_has_a_character(empty, settings, made, tmp_path):
@@ -348,16 +348,16 @@ def follows(name: str, trajectory: int):
 
 
 def test_a_trajectory_is_named_as_whoevers_it_is_and_what_was_that_is_given_back(duet):
-    press("pick", point=26)  # the ghost
+    press("pick", point=36)  # the ghost
     press("name_point", marker="bob:LASI", scope="WHOLE")
-    follows("bob:LASI", 26)
+    follows("bob:LASI", 36)
     follows("ann:LASI", 1)
     press("remove_correction", index=0)
-    follows("bob:LASI", 14)
+    follows("bob:LASI", 19)
     press("pick", point=1)
     press("other_performer", scope="WHOLE")
     follows("bob:LASI", 1)
-    follows("ann:LASI", 14)
+    follows("ann:LASI", 19)
     assert len(stored_take().edits) == 2
     press("clear_corrections")
     follows("ann:LASI", 1)
@@ -368,21 +368,21 @@ def test_selected_markers_are_exchanged_in_a_range_and_performers_whole(duet):
     press("other_performer", scope="ON")
     assert [edit.markers for edit in stored_take().edits] == [("ann:SACR", "bob:SACR"), ("ann:LASI", "bob:LASI")]
     rows, marker = stored_take().rows, stored_take().labels.marker
-    for point, before, after in ((1, 1, 14), (14, 14, 1), (0, 0, 13), (2, 2, 2)):
+    for point, before, after in ((1, 1, 19), (19, 19, 1), (0, 0, 18), (2, 2, 2)):
         mine = rows.trajectory == point
         late = rows.frames[rows.frame[mine]] >= 115
         assert set(marker[mine][late]) == {after}
         assert set(marker[mine][~late]) == {before}
     press("clear_corrections")
     press("exchange_performers", one="ann", other="bob", scope="WHOLE")
-    for marker in range(13):
+    for marker in range(18):
         name = stored_take().names[marker].split(":")[1]
-        follows(f"ann:{name}", 13 + marker)
+        follows(f"ann:{name}", 18 + marker)
         follows(f"bob:{name}", marker)
 
 
 def test_what_cannot_be_said_of_whose_it_is_nor_learned_of_several(duet, extension, made):
-    press("pick", point=26)
+    press("pick", point=36)
     refused("has no name", "other_performer")
     press("pick_none")
     refused("nothing is selected", "other_performer")

@@ -108,7 +108,7 @@ def test_points_are_seen_before_they_are_labelled_and_take_the_place_of_what_was
     imported, files, tmp_path
 ):
     settings = imported.scene.mocap_autolabel
-    assert (settings.source.first_frame, settings.source.last_frame, settings.source.trajectories) == (101, 130, 15)
+    assert (settings.source.first_frame, settings.source.last_frame, settings.source.trajectories) == (101, 130, 20)
     assert settings.source.rate == pytest.approx(59.94)
     assert (imported.scene.frame_start, imported.scene.frame_end) == (101, 130)
     for frame in (101, 104, 113):
@@ -189,7 +189,7 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     empties, [armature] = shown(), only(collection, "ARMATURE")
     names = list(empties)
     assert set(session().markers.keys()) == set(names)
-    assert len(armature.pose.bones) == 9
+    assert len(armature.pose.bones) == 15
     imported.scene.frame_set(120)
     for point, marker in enumerate(files.truth):
         if marker != NO_MARKER:

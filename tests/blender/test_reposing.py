@@ -261,8 +261,8 @@ def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(l
     take = bpy.context.scene.mocap_autolabel.take
     take[takes.PERFORMERS] = take[takes.PERFORMERS].replace("body26", "mine")
     ours("scene.opened").opened.forget()
-    write_model(files.folder / "small.markerset.json", Model(made.markerset()))
-    press("open_markerset", filepath=files.folder / "small.markerset.json")
+    write_model(files.folder / "toy.markerset.json", Model(made.markerset()))
+    press("open_markerset", filepath=files.folder / "toy.markerset.json")
     swap()
     assert len(session().corrections) == 1
     assert "choose marker set mine" in reposing.words_behind(bpy.context)
@@ -298,7 +298,7 @@ def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, repos
 
 
 def test_of_two_performers_both_are_right(empty, settings, made, files, reposing):
-    write_model(files.folder / "small.markerset.json", Model(made.markerset()))
+    write_model(files.folder / "toy.markerset.json", Model(made.markerset()))
     collection = takes.show_take(empty, replace(made.pair(), source=""))
     settings.take = collection
     list_performers(files.folder, "ann", "bob")

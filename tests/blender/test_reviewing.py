@@ -19,9 +19,9 @@ from addon.scene import naming
 from addon.scene.take import show_take
 
 from .conftest import label_walk, write_walk_and_ghost
-from .hands import add_object, choose, only, ours, press, refused, session, shown, stored_take
+from .hands import GHOST, add_object, choose, only, ours, press, refused, session, shown, stored_take
 
-FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
+FRAMES, FIRST, LOST = 60, 101, "LKNE"
 
 
 @pytest.fixture
@@ -166,7 +166,7 @@ def test_a_take_of_blobs_has_its_cameras_and_can_be_answered(extension, empty, m
 
 def test_a_range_labelled_again_is_put_into_the_take_and_leaves_the_scene_its_frames(state, name_as):
     scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
-    name_as(np.where(np.isin(np.arange(GHOST + 1), [7, GHOST]), NO_MARKER, np.arange(GHOST + 1)))  # the knee, no wrist
+    name_as(np.where(np.isin(np.arange(GHOST + 1), [9, GHOST]), NO_MARKER, np.arange(GHOST + 1)))  # the knee, no wrist
     scene.frame_set(140)
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
     press("label")
@@ -177,7 +177,7 @@ def test_a_range_labelled_again_is_put_into_the_take_and_leaves_the_scene_its_fr
     found = np.isfinite(stored.motion.markers[:, state.knee, 0])
     assert stored.motion.frames[found].tolist() == list(range(121, 131))
     words = [row.words for row in state.review.changes]
-    wrist = stored.names[7]
+    wrist = stored.names[9]
     assert words == [f"{LOST} is named now in frames 121–130", f"{wrist} is named no more in frames 121–130"]
     settings.labelling.use_range = False
     press("label")

@@ -221,14 +221,14 @@ def test_long_trajectories_come_first_and_short_ones_share_a_row(rows, extension
     number = np.repeat(list(lengths), list(lengths.values()))
     order = np.lexsort((number, frame))
     points = takes.PointRows(np.arange(200), frame[order], number[order], np.zeros((len(frame), 3)), None)
-    motion = replace(stored.motion, frames=np.arange(200), markers=np.full((200, 13, 3), np.nan))
+    motion = replace(stored.motion, frames=np.arange(200), markers=np.full((200, 18, 3), np.nan))
     take = replace(stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=())
     runs = rows.KeptRows().runs(take, False)
-    assert runs.names[13:] == ("trajectory 52", "trajectory 50", f"2 {rows.FOLDED}")
-    assert stretches(rows, runs, runs.names[15]) == [(0, 29, "unnamed")]
-    assert (runs.marker[13:] == NO_MARKER).all()
-    assert rows.KeptRows().runs(take, True).names[15:] == ("trajectory 53", "trajectory 51")
-    assert (runs.nearest_frame(13, 150), runs.nearest_frame(13, 7), runs.nearest_frame(0, 150)) == (99, 7, 150)
+    assert runs.names[18:] == ("trajectory 52", "trajectory 50", f"2 {rows.FOLDED}")
+    assert stretches(rows, runs, runs.names[20]) == [(0, 29, "unnamed")]
+    assert (runs.marker[18:] == NO_MARKER).all()
+    assert rows.KeptRows().runs(take, True).names[20:] == ("trajectory 53", "trajectory 51")
+    assert (runs.nearest_frame(18, 150), runs.nearest_frame(18, 7), runs.nearest_frame(0, 150)) == (99, 7, 150)
 
 
 def test_a_place_is_the_row_that_is_seen_there(extension, empty):

@@ -74,7 +74,7 @@ def test_takes_are_listed_once_and_what_is_learned_of_them_is_saved_chosen_and_n
     settings = listed.scene.mocap_autolabel
     training = settings.training
     found = [(row.name, row.markers, row.subject) for row in training.takes]
-    assert found == [(f"{name}.c3d", 13, files.folder.name) for name in ("one", "two")]
+    assert found == [(f"{name}.c3d", 18, files.folder.name) for name in ("one", "two")]
     press("add_training_takes", filepath=files.folder / "one.c3d")
     assert len(training.takes) == 2
     refused(r"raw\.c3d: has no named markers", "add_training_takes", filepath=files.folder / "raw.c3d")

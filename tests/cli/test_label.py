@@ -100,6 +100,7 @@ def test_blend_holds_the_take(label, tmp_path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     again = label("--overwrite", "--rate", "60", cameras=shutil.copy(tmp_path / "out" / "walk.blend", tmp_path)).quiet()
     assert "20 frames" in again.out
+    assert report_of(tmp_path / "out" / "walk.c3d")["occlusion"] == "bvh", "in Blender, where nobody chose"
 
 
 @pytest.mark.parametrize("axis", ["x", "-y"])
@@ -116,21 +117,6 @@ def test_a_take_of_another_marker_set_says_which_and_is_named_where_it_is_forced
     assert reason.endswith(f"it looks like a take of {MODEL}; --force goes on regardless")
     assert run(*words, "--force").status == 0
     assert report_of(tmp_path / "out" / f"{room.c3d.stem}.labels.csv")["model"] == "actor41"
-
-
-@pytest.mark.blender
-def test_rays_are_cast_where_nobody_chose_inside_blender(label, tmp_path, monkeypatch):
-    """And they are what the labelling asks: without them nothing is looked up in a mesh."""
-    from addon.scene.occlusion import MeshOcclusion  # and with it bpy: from here on this is Blender
-
-    asked = []
-    hidden = MeshOcclusion.hidden
-    monkeypatch.setattr(MeshOcclusion, "hidden", lambda self, *given: asked.append(self) or hidden(self, *given))
-    assert label("--occlusion", "capsules", "--frames", "100:101").status == 0
-    assert not asked
-    assert label("--overwrite", "--frames", "100:101").status == 0
-    assert asked
-    assert report_of(tmp_path / "out" / "walk.c3d")["occlusion"] == "bvh"
 
 
 def test_without_blender_no_blend_no_rays_and_the_closed_form_is_the_default(label, tmp_path, monkeypatch):

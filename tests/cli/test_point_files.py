@@ -273,14 +273,6 @@ def test_other_cameras_overrule_its_own_and_those_that_are_not_there_are_named(r
     assert "expected some of the calibration's, c11" in answer.reason
 
 
-def test_a_capture_that_is_none_is_refused(run, capture, tmp_path):
-    (tmp_path / "cut.qtm").write_bytes(capture.read_bytes()[:3000])
-    (tmp_path / "text.qtm").write_text("frame,camera,x,y\n")
-    for name, said in (("cut", "is a damaged compound file"), ("text", "is no OLE compound file; expected a capture")):
-        answer = run("label", tmp_path / f"{name}.qtm", "--model", MODEL, "--out", tmp_path)
-        assert f"{name}.qtm: {said}" in answer.reason
-
-
 def test_reconstruct_and_refine_need_no_cameras_either(run, capture, room, tmp_path):
     answer = run("reconstruct", capture, "--out", tmp_path / "points.c3d", "--json")
     result = answer.json

@@ -22,11 +22,11 @@ SEGMENTS = (
     ("foot.R", "shank.R", (0, 0, -0.23), (-0.02, 0, -0.025), (0.09, 0, -0.028), 0.014),
 )
 MARKERS = (
-    ("FRONT", "thorax", (0.085, 0, 0.12)),
-    ("BACK", "thorax", (-0.085, 0, 0.15)),
     ("SACR", "pelvis", (-0.08, 0, 0.02)),
     ("LASI", "pelvis", (0.07, 0.06, 0.03)),
     ("RASI", "pelvis", (0.07, -0.06, 0.03)),
+    ("CLAV", "thorax", (0.085, 0, 0.12)),
+    ("C7", "thorax", (-0.085, 0, 0.15)),
     ("LFHD", "head", (0.04, 0.03, 0.07)),
     ("RBHD", "head", (-0.045, -0.03, 0.07)),
     ("LELB", "upper_arm.L", (0, 0.03, -0.17)),
@@ -43,31 +43,25 @@ MARKERS = (
 )
 
 
-def made_up(name: str, segments, markers, modes, marker_sd: float, covariance, aliases=()) -> MarkerSet:
-    """A marker set of segments and markers in rows as above, with a spread of these modes, deviations and bends."""
-    names = [row[0] for row in segments]
-    parents = np.array([-1 if row[1] is None else names.index(row[1]) for row in segments])
-    joint, start, end, radius = (np.array([row[column] for row in segments], dtype=float) for column in (2, 3, 4, 5))
-    spread = Spread(1.7, 0.1, modes, np.full(len(markers), marker_sd), np.zeros((len(names), 3)), covariance)
-    return MarkerSet(
-        name=name,
-        description="a made-up person for tests",
-        markers=tuple(row[0] for row in markers),
-        aliases=dict(aliases),
-        skeleton=Skeleton(tuple(names), parents, joint),
-        attachment=np.array([names.index(row[1]) for row in markers]),
-        offsets=np.array([row[2] for row in markers], dtype=float),
-        capsules=Capsules(np.arange(len(names)), start, end, radius),
-        spread=spread,
-        source={"note": "made up"},
-    )
-
-
 def toy_markerset() -> MarkerSet:
     """The made-up person as a marker set, with a spread of one mode (longer legs) and small bends."""
-    names = [row[0] for row in SEGMENTS]
+    names = tuple(row[0] for row in SEGMENTS)
+    parents = np.array([-1 if row[1] is None else names.index(row[1]) for row in SEGMENTS])
+    joint, start, end, radius = (np.array([row[column] for row in SEGMENTS], dtype=float) for column in (2, 3, 4, 5))
     modes = np.zeros((1, len(SEGMENTS) + len(MARKERS), 3))
     modes[0, [names.index("shank.L"), names.index("shank.R")], 2] = -0.01
     bends = np.full(3 * len(SEGMENTS), 0.05**2)
     bends[:3] = 0
-    return made_up("toy", SEGMENTS, MARKERS, modes, 0.004, np.diag(bends), {"sternum": "FRONT"})
+    deviations = np.full(len(MARKERS), 0.004)
+    return MarkerSet(
+        name="toy",
+        description="a made-up person for tests",
+        markers=tuple(row[0] for row in MARKERS),
+        aliases={"sternum": "CLAV"},
+        skeleton=Skeleton(names, parents, joint),
+        attachment=np.array([names.index(row[1]) for row in MARKERS]),
+        offsets=np.array([row[2] for row in MARKERS], dtype=float),
+        capsules=Capsules(np.arange(len(names)), start, end, radius),
+        spread=Spread(1.7, 0.1, modes, deviations, np.zeros((len(names), 3)), np.diag(bends)),
+        source={"note": "made up"},
+    )

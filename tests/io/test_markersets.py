@@ -97,7 +97,7 @@ TOO_LONG = [[0.0] * (index + 1) for index in range(3)]
         (("markers", 4, "name"), "LASI", "'LASI' twice"),
         (("markers", 4, "segment"), "tail", "'tail', which is no segment; expected one of pelvis"),
         (("markers", 4, "sd"), -1, r'markers\[4\] has no "sd" from 0'),
-        (("markers", 4, "aliases"), ["LASI"], "alias 'LASI' of RASI is taken"),
+        (("markers", 4, "aliases"), ["LASI"], "alias 'LASI' of C7 is taken"),
         (("markers", 4, "aliases"), "s2", "not a list of names"),
         (("capsules", 0, "radius"), 0, '"radius"'),
         (("capsules", 0, "segment"), 3, '"segment"'),

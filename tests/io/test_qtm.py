@@ -264,6 +264,8 @@ def test_a_file_that_is_cut_off_anywhere_is_refused(take, tmp_path):
         path = tmp_path / "cut.qtm"
         path.write_bytes(content[: int(share * len(content))])
         refusal(path)
+    path.write_text("frame,camera,x,y\n")
+    assert "is no OLE compound file; expected a capture" in refusal(path)
 
 
 def test_a_bomb_is_refused_before_it_fills_the_memory(tmp_path):

@@ -125,7 +125,7 @@ def test_fills_are_seen_before_they_are_kept_markers_placed_and_playback_goes_on
     assert tool["played"] and tool["tool"] == "mocap_autolabel.label_tool"
 
 
-MARKERS, LONG_GHOSTS, FLICKERS = 62, 20, 600
+MARKERS, LONG_GHOSTS, FLICKERS = 53, 20, 600
 A_PIXEL = 3  # frames, about
 
 

@@ -19,8 +19,7 @@ def walk(seen: dict) -> Iterator[float]:
     bpy.data.batch_remove(list(bpy.data.objects))
     bpy.ops.mocap_autolabel.import_points(filepath=stage.TASK["points"])
     bpy.context.scene.mocap_autolabel.subjects.markerset = stage.TASK["markerset"]
-    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take is not None)
+    yield from stage.label()
     bpy.context.scene.frame_set(stage.TASK["frame"])
     stage.look_at_the_person()
     stage.set_tool()

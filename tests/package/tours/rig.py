@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import stage
 from stage import settings, window
 
-OPERATOR, RIG, SWAPPED = "mocap_autolabel.", "Hero", ("LKNE", "RKNE")
+RIG, SWAPPED, BAKE = "Hero", ("LKNE", "RKNE"), "mocap_autolabel.bake_retarget"
 ROW = 25  # px from a row of buttons to the next one's
 
 
@@ -26,28 +26,26 @@ def walk(seen: dict) -> Iterator[float]:
     yield from window.open_tab("Mocap")
     bpy.ops.mocap_autolabel.import_points(filepath=stage.TASK["points"])
     settings().subjects.markerset = stage.TASK["markerset"]
-    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    yield 0.5
-    yield from window.until(lambda: settings().take is not None and not stage.state().doing)
+    yield from stage.label()
     settings().display.stage = "USE"
     yield 1
     yield from swap()
     bpy.context.view_layer.objects.active = bpy.data.objects[RIG]
     yield 1
-    yield from press("retarget")
+    yield from stage.press_button("retarget")
     seen["retargeted"] = yield from moved()
-    places = yield from window.scroll_to(f"{OPERATOR}bake_retarget")
-    yield from window.click(window.region("UI").x + 60, places[f"{OPERATOR}bake_retarget"][1] - ROW)
+    places = yield from window.scroll_to(BAKE)
+    yield from window.click(window.region("UI").x + 60, places[BAKE][1] - ROW)
     seen["feet left"] = yield from moved()
     yield from window.screenshot("1-preview")
     yield from swap()
     seen["corrected"] = yield from moved()
     for number, key in enumerate(("undo", "undo", "undo", "redo", "redo", "redo", "undo", "redo")):
-        yield from stage.press_held("Z", middle(), ctrl=True, shift=key == "redo")
+        yield from stage.press_held("Z", stage.middle(), ctrl=True, shift=key == "redo")
         seen[f"{key} {number}"] = yield from moved()
     bpy.context.view_layer.objects.active = bpy.data.objects[RIG]
     yield 1
-    yield from press("bake_retarget")
+    yield from stage.press_button("bake_retarget")
     yield from swap()
     seen["baked"] = yield from moved()
     bpy.ops.wm.save_as_mainfile(filepath=str(stage.OUT / "rig.blend"))
@@ -67,11 +65,6 @@ def swap() -> Iterator[float]:
     yield from moved()
 
 
-def press(name: str) -> Iterator[float]:
-    places = yield from window.scroll_to(OPERATOR + name)
-    yield from window.click(*places[OPERATOR + name])
-
-
 def moved() -> Iterator[float]:
     """What moves the rig once all has followed: its action's name, whether feet are kept, and the sum of its keys."""
     yield 0.5
@@ -86,12 +79,6 @@ def moved() -> Iterator[float]:
 def is_left_behind() -> bool:
     """Whether the rig's preview is to be made again."""
     return stage.module("scene.rig_preview").is_left_behind(bpy.context, bpy.data.objects[RIG])
-
-
-def middle() -> stage.Place:
-    """The middle of the 3D view."""
-    region = window.region("WINDOW")
-    return region.x + region.width // 2, region.y + region.height // 2
 
 
 stage.play(walk)

@@ -25,7 +25,7 @@ def walk(seen: dict) -> Iterator[float]:
     bpy.ops.mocap_autolabel.import_points(filepath=stage.TASK["points"])
     bpy.context.scene.mocap_autolabel.subjects.markerset = stage.TASK["markerset"]
     bpy.ops.ed.undo_push(message="Imported")
-    yield from label()
+    yield from stage.label()
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = scene.frame_start + RANGE[0], scene.frame_end - RANGE[1]
     scene.frame_set(stage.TASK["frame"])
@@ -54,12 +54,12 @@ def walk(seen: dict) -> Iterator[float]:
     seen["filled"] = take_now("filled")
     yield from window.screenshot("1-filled")
 
-    yield from label()
+    yield from stage.label()
     seen["labelled again"] = take_now("labelled-again")
-    yield from stage.press_held("Z", middle(), ctrl=True)
+    yield from stage.press_held("Z", stage.middle(), ctrl=True)
     yield 1
     seen["undone"] = take_now("undone")
-    yield from stage.press_held("Z", middle(), ctrl=True, shift=True)
+    yield from stage.press_held("Z", stage.middle(), ctrl=True, shift=True)
     yield 1
     seen["redone"] = take_now("redone")
 
@@ -70,14 +70,6 @@ def walk(seen: dict) -> Iterator[float]:
     yield 2
     seen["reopened"] = take_now("reopened")
     yield from window.screenshot("2-reopened")
-
-
-def label() -> Iterator[float]:
-    """Label the take, and wait until it is shown and nothing goes on."""
-    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    yield 0.5
-    yield from window.until(lambda: stage.settings().take is not None and not stage.state().doing)
-    yield 1
 
 
 def take_now(name: str) -> dict:
@@ -94,12 +86,6 @@ def take_now(name: str) -> dict:
         "labels": hashlib.sha256(np.ascontiguousarray(take.labels.marker)).hexdigest(),
         "file": hashlib.sha256(file.read_bytes()).hexdigest(),
     }
-
-
-def middle() -> stage.Place:
-    """The middle of the 3D view."""
-    region = window.region("WINDOW")
-    return region.x + region.width // 2, region.y + region.height // 2
 
 
 stage.play(walk)

@@ -118,3 +118,28 @@ def press_held(key: str, place: Place, **held: bool) -> Iterator[float]:
     for value in ("PRESS", "RELEASE"):
         event(key, value, place, **held)
         yield 0.4
+
+
+def press_button(name: str) -> Iterator[float]:
+    """Scrolls to a button of ours in the sidebar, and clicks it."""
+    places = yield from window.scroll_to(f"mocap_autolabel.{name}")
+    yield from window.click(*places[f"mocap_autolabel.{name}"])
+
+
+def done(so: Callable[[], object]) -> Iterator[float]:
+    """Waits until something is so and nothing goes on."""
+    yield from window.until(lambda: so() and not state().doing)
+
+
+def label() -> Iterator[float]:
+    """Labels the take, and waits until it is shown and nothing goes on."""
+    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    yield 0.5
+    yield from done(lambda: settings().take is not None)
+    yield 1
+
+
+def middle() -> Place:
+    """The middle of the 3D view."""
+    region = window.region("WINDOW")
+    return region.x + region.width // 2, region.y + region.height // 2

@@ -6,16 +6,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from stage import EXTENSION, TASK, module, play, settings, window
-from timeline_take import make_take
+from stage import TASK, module, play, settings, window
+
+RATE, HEIGHT = 120.0, 1.75
+GHOSTS, FLICKERS = 20, 600  # trajectories without a name, long and short ones
 
 
 def walk(seen: dict) -> Iterator[float]:
     """Show a take, open the timeline, click, drag, undo, scroll and unfold."""
-    take = make_take(EXTENSION, TASK["frames"])
+    take = make_take(TASK["frames"])
     settings().take = module("scene.take").show_take(bpy.context, take)
     bpy.ops.ed.undo_push(message="Shown")
     yield 1
@@ -74,11 +77,11 @@ def walk(seen: dict) -> Iterator[float]:
     yield from window.turn_wheel("WHEELUPMOUSE", x_of(at), row_y(8))
     yield 0.5
     seen["zoomed"] = wide() / width
-    state.timeline_scroll = 60.0
+    state.timeline_scroll = 51.0
     yield from window.screenshot("timeline-ghosts")
     with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
         now = timeline.RowPlaces.of(bpy.context, main, len(runs))
-    ghost = 63
+    ghost = 54
     found = runs.runs[runs.runs[:, 0] == ghost][0]
     y = int(main.y + now.upper(ghost) - 0.5 * now.row)
     yield from window.click(min(max(x_of(int(found[1:3].mean())), main.x + 5), main.x + main.width - 40), y)
@@ -107,6 +110,49 @@ def looked(at: int) -> dict:
         "selected": [item.name for item in bpy.context.selected_objects],
         "range": [scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end],
     }
+
+
+def make_take(frames: int):
+    """A `Take` of points, so long: 53 markers with gaps, doubts and ghosts, nothing measured."""
+    data, rng = module("core.data.takes"), np.random.default_rng(5)
+    markerset = module("io.markersets").open_markerset("actor53")
+    joints, count = len(markerset.skeleton), len(markerset)
+    time = np.arange(frames) / RATE
+    way = np.column_stack([np.sin(time), np.sin(0.7 * time), 0 * time])
+    markers = HEIGHT * markerset.rest_markers + way[:, None]
+    bodies = HEIGHT * markerset.skeleton.rest_joints + way[:, None]
+    whole = markers.copy()
+    for marker in range(0, count, 2):
+        for start in rng.integers(0, frames, max(2, frames // 400)):
+            markers[start : start + rng.integers(1, 90), marker] = np.nan
+    present = np.isfinite(markers[..., 0])
+    residual = np.where(present, 0.0003, np.nan)
+    unturned = np.broadcast_to(np.eye(3), (frames, joints, 3, 3)).copy()
+    motion = data.Motion(
+        1 + np.arange(frames), markers, residual, residual * np.nan, np.zeros(present.shape, int), whole,
+        bodies, unturned, np.full((frames, 3), HEIGHT), np.ones(frames),
+    )  # fmt: skip
+    frame, marker = np.nonzero(present)
+    rows = [(frame, marker, markers[present], marker)]
+    for ghost in range(GHOSTS + FLICKERS):
+        length = rng.integers(frames // 3, frames) if ghost < GHOSTS else rng.integers(1, 60)
+        start = rng.integers(0, frames - length + 1)
+        own = start + np.arange(length)
+        place = np.tile(rng.uniform(-2, 2, 3), (length, 1))
+        rows.append((own, np.full(length, count + ghost), place, np.full(length, data.NO_MARKER)))
+    frame, trajectory, xyz, name = (np.concatenate(column) for column in zip(*rows, strict=True))
+    order = np.lexsort((trajectory, frame))
+    frame, trajectory, xyz, name = frame[order], trajectory[order], xyz[order], name[order]
+    named = name != data.NO_MARKER
+    sure = np.where((name % 7 == 3) & ((frame // 50) % 9 == 4), 0.9, 0.999)
+    labels = data.Labels(name, np.where(named, data.BY_LIKELIHOOD, data.NO_STEP), np.where(named, sure, 0.0))
+    points = data.PointRows(motion.frames, frame, trajectory, xyz, np.full(len(frame), 0.0003))
+    doubts = tuple(
+        data.Suspect(int(at), int(at) + 30, f"{markerset.markers[at % count]} jumps", None)
+        for at in rng.integers(1, frames, 20)
+    )
+    cameras = module("core.geometry.cameras").NO_CAMERAS
+    return module("scene.take").Take("long", RATE, cameras, markerset, points, labels, motion, doubts)
 
 
 play(walk)

@@ -31,11 +31,11 @@ def walk(seen: dict) -> Iterator[float]:
     bpy.ops.mocap_autolabel.import_take("INVOKE_DEFAULT")  # File > Import: two clicks, then the file and its button
     yield from window.browse(stage.TASK["points"])
     with waited(steps, "open", clicks=5):
-        yield from done(lambda: settings().subjects.found)
+        yield from stage.done(lambda: settings().subjects.found)
     seen["tab"] = window.region("UI").active_panel_category
     with waited(steps, "label", clicks=1):
-        yield from press("label")
-        yield from done(lambda: settings().take is not None)
+        yield from stage.press_button("label")
+        yield from stage.done(lambda: settings().take is not None)
 
     bpy.context.scene.frame_set(stage.TASK["frame"])
     stage.look_at_the_person()
@@ -55,19 +55,19 @@ def walk(seen: dict) -> Iterator[float]:
     with waited(steps, "fill all gaps", clicks=1):
         places = yield from window.scroll_to(f"{OPERATOR}smooth")
         yield from window.click(window.region("UI").x + 60, places[f"{OPERATOR}smooth"][1])  # Fill, beside it
-        yield from done(lambda: len(state().fills))
+        yield from stage.done(lambda: len(state().fills))
 
     bpy.context.view_layer.objects.active = rig
     settings().display.stage = "USE"  # a click
     yield 1
     with waited(steps, "move a Rigify rig", clicks=2):
-        yield from press("retarget")
-        yield from done(lambda: rig.animation_data is not None and rig.animation_data.action is not None)
+        yield from stage.press_button("retarget")
+        yield from stage.done(lambda: rig.animation_data is not None and rig.animation_data.action is not None)
     for name in ("c3d", "fbx"):
         path = stage.OUT / f"trial.{name}"
         with waited(steps, f"export {name.upper()}", clicks=2):
             yield from window.choose(f"{OPERATOR}export_{name}", str(path))
-            yield from done(path.exists)
+            yield from stage.done(path.exists)
     seen["time is kept"] = before == time_of_scene()
     yield from window.screenshot("1-used")
 
@@ -84,16 +84,6 @@ def waited(steps: dict, name: str, clicks: int, keys: int = 0) -> Iterator[None]
     begun = time.monotonic()
     yield
     steps[name] = [clicks, keys, time.monotonic() - begun]
-
-
-def press(name: str) -> Iterator[float]:
-    places = yield from window.scroll_to(OPERATOR + name)
-    yield from window.click(*places[OPERATOR + name])
-
-
-def done(so) -> Iterator[float]:
-    """Waits until something is so and nothing goes on."""
-    yield from window.until(lambda: so() and not state().doing)
 
 
 stage.play(walk)
