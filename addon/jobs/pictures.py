@@ -13,6 +13,7 @@ from ..blendfile import opened_pictures
 from ..core.data.errors import InputError, JobError
 from ..core.data.progress import Progress
 from ..core.data.takes import Blobs, evenly_spread
+from ..core.data.wording import words_of_frames
 from ..core.geometry.cameras import Cameras
 from ..core.pictures.spots import Brightness, SpotOptions, brightness_of, find_spots
 from ..io.blobs import BlobWriter
@@ -169,7 +170,7 @@ def _frames(opened: Sequence, job: PicturesJob) -> tuple[int, int]:
             words = f"has no picture for {view.missing} numbers between {view.first} and {view.last}"
             raise InputError(f"{words}; expected pictures that are numbered by their frames", view.path)
     if begin > end:
-        raise InputError(f"the pictures are of frames {first} to {last}; expected --frames among these")
+        raise InputError(f"the pictures are of {words_of_frames(first, last)}; expected --frames among these")
     return begin, end
 
 
@@ -187,7 +188,9 @@ def _brightness(
                 pictures.append(picture)
             yield Progress(0.05 * number / len(views), f"what is bright for {cameras.names[index]}")
         if not pictures:
-            raise InputError(f"has no picture in frames {first} to {last}; expected some of each camera", view.path)
+            raise InputError(
+                f"has no picture in {words_of_frames(first, last)}; expected some of each camera", view.path
+            )
         found[index] = brightness_of(pictures, options)
     return found
 
@@ -217,7 +220,7 @@ def _notes(views: Mapping, cameras: Cameras, first: int, last: int) -> list[str]
     notes = []
     for index, view in sorted(views.items()):
         if view.first > first or view.last < last:
-            notes.append(f"{cameras.names[index]} has pictures of frames {view.first} to {view.last} only")
+            notes.append(f"{cameras.names[index]} has pictures of {words_of_frames(view.first, view.last)} only")
     missing = [name for index, name in enumerate(cameras.names) if index not in views]
     if missing:
         notes.append(f"no pictures of {', '.join(missing)}")

@@ -10,7 +10,7 @@ from bpy.props import EnumProperty, IntProperty
 
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER, PointRows, rows_in_frame
-from ..core.data.wording import count_of
+from ..core.data.wording import count_of, words_of_frames
 from ..core.edits.kinds import (
     NO_EDITS,
     AssignBlob,
@@ -110,7 +110,7 @@ def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple
             raise InputError("no range is selected; expected a preview range, which P in a timeline draws")
         begin, end = picked_range(scene, stored.clock)
         if max(begin, first) > min(end, last):
-            words = f"frames {scene.frame_preview_start} to {scene.frame_preview_end} are selected"
+            words = f"the preview range is {words_of_frames(scene.frame_preview_start, scene.frame_preview_end)}"
             own = f"{stored.clock.whole(first)} to {stored.clock.whole(last)}"
             raise InputError(f"{words}; expected some of the take, {own}")
         return max(begin, first), min(end, last)

@@ -10,6 +10,7 @@ import bpy
 from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from ..core.data.errors import InputError
+from ..core.data.wording import words_of_frames
 from ..core.review.changes import summary_of_changes
 from ..io.poses import check_cache
 from ..io.qtm.capture import USE_POINTS
@@ -103,7 +104,7 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         meant = clock.inside(first, last)
         frames = max(meant[0], ends[0]), min(meant[1], ends[1])
         if frames[0] > frames[1]:
-            words = f"frames {first} to {last} are none of take {take[PLAYED]}"
+            words = f"take {take[PLAYED]} has none of {words_of_frames(first, last)}"
             raise InputError(f"{words}; expected some of {clock.whole(ends[0])} to {clock.whole(ends[1])}")
         cameras = None if kept["use"] == USE_POINTS else scene_cameras.cameras_of_scene(scene)
         source = bpy.path.abspath(self.filepath) if self.filepath else kept["source"]

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, JobError
 from ..core.data.takes import NO_MARKER, NO_POINT, Blobs, rows_in_frame
+from ..core.data.wording import words_of_frames
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import BlobEdit
 from ..core.reconstruction.trajectories import Reconstructor
@@ -124,7 +125,7 @@ def blob_edit(kind: type[BlobEdit], stored: Stored, row: int, frames: tuple[int,
     span = (int(stored.rows.frames[0]), int(stored.rows.frames[-1])) if frames is None else frames
     if not span[0] <= frame <= span[1]:
         own, first, last = map(stored.clock.whole, (frame, *span))
-        words = f"the blob is of frame {own}, and frames {first} to {last} are to be corrected"
+        words = f"the blob is of frame {own}, and it is {words_of_frames(first, last)} that would be corrected"
         raise InputError(f"{words}; expected its own among them")
     x, y = (round(float(value), PLACE_DIGITS) for value in stored.rows.xy[row])
     camera = stored.cameras.names[int(stored.rows.camera[row])]

@@ -3,7 +3,7 @@
 
 import bpy
 
-from ..core.data.wording import count_of, listed
+from ..core.data.wording import count_of, listed, words_of_frames
 from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.correcting import review_now
 from ..ops.filling import EXTENTS
@@ -266,7 +266,7 @@ def _draw_played(layout: bpy.types.UILayout, context):
         _draw_suspects(context, box, take)
         box.operator("mocap_autolabel.open_part", icon="ZOOM_SELECTED").take = take.name
         first, last = part_here(take, context.scene)
-        words = f"Open Part labels frames {first} to {last} again with keys, to correct them. {SAVE_THEM}"
+        words = f"Open Part labels {words_of_frames(first, last)} again with keys, to correct them. {SAVE_THEM}"
         draw_text(context, box, f"{NO_KEYS} {words}", "INFO")
 
 

@@ -324,7 +324,7 @@ def test_the_part_here_is_what_is_to_be_looked_at_or_the_preview_range(both, mon
 def test_what_cannot_be_opened_is_told_and_nothing_changes(long, tmp_path):
     collection = long("points", "--subjects", "2")
     scene = bpy.context.scene
-    refused(r"frames 900 to 950 are none of take pair; expected some of 7 to 46", "open_part", first=900, last=950)
+    refused(r"take pair has none of frames 900–950; expected some of 7 to 46", "open_part", first=900, last=950)
     (tmp_path / "pair.c3d").rename(tmp_path / "elsewhere.c3d")
     refused(r"pair\.c3d: there is no such file", "open_part")
     assert not scene.mocap_autolabel.source.points_path

@@ -60,7 +60,7 @@ def test_missing_pictures_are_told_and_nothing_of_blender_stays_behind(find, stu
 
     before = held()
     save_pictures(tmp_path / "right", range(7, 15), 1)
-    assert "right has pictures of frames 7 to 14 only" in find(folder / "left", tmp_path / "right").done().out
+    assert "right has pictures of frames 7–14 only" in find(folder / "left", tmp_path / "right").done().out
     assert "no pictures of right" in find(folder / "movies" / "left.mp4", out="one.csv").done().out
     assert held() == before
 

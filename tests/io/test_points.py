@@ -77,9 +77,9 @@ def test_long_and_wide_takes(tmp_path, frames, points, first):
     xyz = np.random.default_rng(0).normal(size=(frames, points, 3)).astype(np.float32).astype(float)
     path = tmp_path / "take.c3d"
     names = tuple(f"a long name of marker {index}" for index in range(points))
-    write_c3d(path, Points(names, xyz, np.full((frames, points), np.nan), 99.5, first))
+    write_c3d(path, Points(names, xyz, np.full((frames, points), np.nan), 59.94, first))
     found = read_points(path)
-    assert (found.names, found.first_frame, found.rate) == (names, first, 99.5)
+    assert (found.names, found.first_frame, found.rate) == (names, first, 59.94)
     np.testing.assert_allclose(found.xyz, xyz, atol=1e-6)
     labels, other, *_ = by_ezc3d(path)
     assert labels == list(names)

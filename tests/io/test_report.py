@@ -94,7 +94,7 @@ def test_a_page_says_what_the_report_says(tmp_path):
     text = page_of(tmp_path, rows, chunk, names, edits, filled=gaps, left=left, notes=["the file has no axis"], **made)
     page = read(text)
     for words in (
-        "80 frames (0.8 s), marker set body26 , version 3", "Fingerprint of the marker set 0123abcd", "Frames 31 to 34",
+        "80 frames (0.8 s), marker set body26 , version 3", "Fingerprint of the marker set 0123abcd", "Frames 31–34",
         "LKNE is far from where the body has it", "The file has no axis", "LKNE is trajectory 3, frames 10–12",
         "it is so already", "1 gap filled by the program, 1 left", "It is longer than 5 frames", "likelihood",
         "Mocap Autolabel 1.2.3 on 2026-11-22", "by the program: by likelihood", "walk.c3d",
@@ -107,7 +107,7 @@ def test_a_page_says_what_the_report_says(tmp_path):
     assert "LKNE" in [each.text for each in svg.iter("text")]
     strip = next(each for each in drawn if (each.get("aria-label") or "").startswith("LKNE: "))
     assert {each.get("class") for each in strip.iter("path")} == {"base named", "base doubtful"}
-    # Frames 31 to 34, and on both sides the one from which it jumps there.
+    # Frames 31–34, and on both sides the one from which it jumps there.
     assert [each.get("d") for each in strip.iter("path") if each.get("class") == "base doubtful"] == ["M29 5h6"]
 
 

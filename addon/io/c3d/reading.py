@@ -59,7 +59,7 @@ def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
     rates.insert(1, file.header_real(10))
     stated = next((rate for rate in rates if MIN_RATE_HZ <= rate <= MAX_RATE_HZ), None)
     if stated is not None:
-        return stated, ()
+        return float(str(np.float32(stated))), ()  # 59.94, and not what its 32 bits come to in 64
     if given is None:
         raise InputError(
             f"has a rate of {rates[0]:g} frames a second; expected a rate above zero, or one that is given", file.path

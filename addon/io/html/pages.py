@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-from ...core.data.wording import count_of
+from ...core.data.wording import count_of, words_of_frames
 from ...core.edits.kinds import words_of
 from ...core.review.overview import CELL_STATES, TakeOverview
 from ...core.review.suspects import cameras_in
@@ -157,7 +157,7 @@ def _worst(overview: TakeOverview) -> Html | None:
 
 
 def _frames(first: int, last: int) -> str:
-    return f"Frame {first}" if first == last else f"Frames {first} to {last}"
+    return words_of_frames(first, last).capitalize()
 
 
 def _to_look_at(report: Mapping) -> Html | None:
