@@ -163,6 +163,7 @@ def test_what_is_by_hand_is_so_in_the_frames_that_a_c3d_can_say(run, holed, tmp_
     (tmp_path / "walk.edits.json").write_text(json.dumps(edits))
     assert run("label", tmp_path / "walk.trc", "--model", MODEL, "--out", tmp_path / "out").status == 0
     assert run("fill", tmp_path / "out" / "walk.c3d", "--out", tmp_path / "full.c3d").status == 0
+    assert "no .c3d can say these" in run("fill", tmp_path / "walk.trc", "--out", tmp_path / "raw.c3d").done().out
     before, after = report_of(tmp_path / "out" / "walk.c3d"), report_of(tmp_path / "full.c3d")
     assert (before["first_frame"], before["c3d_first_frame"], after["first_frame"]) == (-30, 0, 0)
     spans = [one["provenance"]["markers"]["LFHD"]["hand_frames"] for one in (before, after)]
