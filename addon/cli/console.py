@@ -66,7 +66,7 @@ def _line(error: Exception) -> str:
 
 Result = TypeVar("Result")
 PROGRAM = "mocap-autolabel"
-RENUMBERED = "the first frame is negative, which a .c3d cannot say: its frames are numbered from 0"
+RENUMBERED = "no .c3d can say these frame numbers: its frames are numbered from 0"
 # A terminal hears often, a log file now and then, s.
 TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
 AGAIN = 0.02  # s after which a request to stop that Python could not raise is made again

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..core.data.errors import InputError
+from ..core.data.takes import MAX_FRAME
 from .edits import edits_beside
 from .markersets import builtin_markersets
 from .model_history import path_from, seen_at
@@ -133,12 +134,15 @@ def own_output(path: Path, first_frame: int) -> dict | None:
         fitting = isinstance(report.get("doubtful"), dict) and is_still(path, made)
     except InputError:
         return None
-    if not fitting or report.get("first_frame", first_frame) == first_frame:
+    first = report.get("first_frame", first_frame)
+    if not fitting or first == first_frame:
         return report if fitting else None
     try:
-        return _moved(report, first_frame - report["first_frame"])
+        if type(first) is int and abs(first) <= MAX_FRAME:
+            return _moved(report, first_frame - first)
     except (AttributeError, LookupError, TypeError, ValueError):
-        raise InputError("is damaged in its frames; expected the report as it was written", beside) from None
+        pass
+    raise InputError("is damaged in its frames; expected the report as it was written", beside)
 
 
 def _moved(report: dict, by: int) -> dict:

@@ -70,6 +70,10 @@ class _NamedFile(FileIO):
         with _readable(self.name):
             return super().readall()
 
+    def seek(self, *place):
+        with _readable(self.name):
+            return super().seek(*place)
+
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:

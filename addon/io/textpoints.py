@@ -16,6 +16,7 @@ from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
 from ..core.data.made import Table
 from ..core.data.takes import MAX_FRAME, MAX_RATE_HZ, MIN_RATE_HZ
+from ..core.data.wording import words_of_frames
 from .samples import PointFile, Samples, TextHead
 from .source import decode, open_binary, read_bytes
 from .text import written
@@ -71,7 +72,7 @@ def rows_to_samples(
         raise InputError("has no frames; expected at least one", path)
     frames = before - first + 1
     if frames - 1 > MAX_GAP + MAX_FRAMES_A_ROW * count:
-        raise InputError(f"has {count} rows for frames {first} to {before}; expected every frame", path)
+        raise InputError(f"has {count} rows for {words_of_frames(first, before)}; expected every frame", path)
     if count_in(promised) > count:
         raise InputError(f"has {count} of {promised} frames; expected all of them (is the file cut off?)", path)
     return first, frames, (*parts, *([_joined(values)] if values else []))

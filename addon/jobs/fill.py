@@ -119,7 +119,8 @@ def _origins(take: Points, names: Sequence[str], report: dict | None, source: Pa
     try:
         for name, row in report["provenance"].get("markers", {}).items() if report else ():
             for first, last in row.get("hand_frames", ()):
-                hand[max(first - take.first_frame, 0) : last - take.first_frame + 1, names.index(name)] = True
+                begin, end = (max(frame - take.first_frame, 0) for frame in (first, last + 1))
+                hand[begin:end, names.index(name)] = True
     except (AttributeError, LookupError, TypeError, ValueError):
         beside = source.with_name(source.stem + REPORT)
         raise InputError("is damaged in what is by hand; expected the report as it was written", beside) from None

@@ -114,7 +114,8 @@ def looked_at(
     edits = edits_beside(path)
     if edits is not None:
         of_name = {name: at for at, name in enumerate(names)}
-        asked &= ~right_in(read_edits(edits), of_name, first_frame + np.arange(len(xyz)))
+        frames = report.get("first_frame", first_frame) + np.arange(len(xyz))  # edits call them as the source does
+        asked &= ~right_in(read_edits(edits), of_name, frames)
     learned, doubts = learnable(np.where(filled[..., None], np.nan, xyz), asked, names)
     refuse_doubtful(learned)
     return learned, doubts

@@ -160,7 +160,7 @@ BLOB, PLACED = '{"kind": "assign", "camera": "c"', '{"kind": "place", "marker": 
         ('{"kind": "assign", "marker": "A", "camera": "c", "x": 1}', "lacks point"),
         ('{"kind": "assign", "point": 3}', "lacks marker"),
         ('{"kind": "assign", "point": 3, "marker": "A", "frame": 5}', "has 'frame' beside point marker"),
-        (BLOB + ', "frame": 3, "x": 1, "y": 2, "marker": "A", "frames": [1, 2]}', "of frame 3"),
+        (BLOB + ', "frame": 3, "x": 1, "y": 2, "marker": "A", "frames": [1, 2]}', "of frame 3, in frames 1–2"),
         ('{"kind": "unlabel", "camera": "c", "frame": 1, "x": 1}', "lacks marker"),
         ('{"kind": "delete", "camera": "c", "frame": 1, "x": 1}', "lacks point"),
         ('{"kind": "assign", "point": -1, "marker": "A"}', "has the point -1"),

@@ -115,10 +115,16 @@ def test_neither_readers_nor_a_turn_wait_for_what_is_no_file(thing):
         pass
 
 
-@pytest.mark.parametrize("reader", [check_header, lambda path: LabelFile(path).__enter__(), digest, read_points])
+@pytest.mark.parametrize(
+    "reader",
+    [
+        *(check_header, lambda path: LabelFile(path).__enter__(), digest, read_points),
+        lambda path: open_binary(path).seek(-1),
+    ],
+)
 def test_what_fails_while_it_is_read_is_named(tmp_path, monkeypatch, reader):
     path = tmp_path / "take.trc"
     path.write_text("frame,camera,x,y\n")
     # As of a disk that fails, the system names no file of what cannot be read once it is open.
     monkeypatch.setattr(source, "open_at_once", lambda path, flags: os.open(path, os.O_WRONLY))
-    refused(r"cannot be read \(Bad file descriptor\)", reader, path)
+    refused(r"cannot be read \((Bad file descriptor|Invalid argument)\)", reader, path)

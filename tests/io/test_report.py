@@ -95,8 +95,9 @@ def test_a_page_says_what_the_report_says(tmp_path):
     page = read(text)
     for words in (
         "80 frames (0.8 s), marker set body26 , version 3", "Fingerprint of the marker set 0123abcd", "Frames 31–34",
-        "LKNE is far from where the body has it", "The file has no axis", "LKNE is trajectory 3, frames 10–12",
-        "it is so already", "1 gap filled by the program, 1 left", "It is longer than 5 frames", "likelihood",
+        "LKNE is far from where the body has it", "The file has no axis", "Frames 1–80",
+        "LKNE is trajectory 3, frames 10–12", "it is so already", "1 gap filled by the program, 1 left",
+        "It is longer than 5 frames", "likelihood",
         "Mocap Autolabel 1.2.3 on 2026-11-22", "by the program: by likelihood", "walk.c3d",
     ):  # fmt: skip
         assert words in page.words, words

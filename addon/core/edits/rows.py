@@ -9,6 +9,7 @@ from typing import Any, TypeGuard
 
 from ..data.errors import InputError
 from ..data.takes import MAX_FRAME
+from ..data.wording import words_of_frames
 from .kinds import EDIT_KINDS, BlobEdit, Edit, Edits, Place
 
 EDITS_VERSION = 1
@@ -86,7 +87,7 @@ def edit_of(row: object, number: int) -> Edit:
         values["frames"] = _frames(row["frames"], number)
         first, last = values["frames"]
         if issubclass(whole, BlobEdit) and not first <= values["frame"] <= last:
-            words = f"edit {number} is of a blob of frame {values['frame']}, in frames {first} to {last}"
+            words = f"edit {number} is of a blob of frame {values['frame']}, in {words_of_frames(first, last)}"
             raise InputError(f"{words}; expected frames with its own among them")
     more = {key: value for key, value in row.items() if key not in ALL_KEYS}
     if not _can_be_kept(more):

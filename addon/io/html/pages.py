@@ -213,7 +213,7 @@ def _by_time(overview: TakeOverview) -> Html | None:
     marks = [first + round(part * (shown - 1) / 4) for part in range(5)]
     axis = element("div", *(element("span", f"{min(mark, overview.last)}") for mark in marks), class_="axis")
     heads = element(
-        "tr", element("th", "Marker", scope="col"), element("th", f"Frames {first} to {overview.last}", scope="col")
+        "tr", element("th", "Marker", scope="col"), element("th", _frames(first, overview.last), scope="col")
     )
     whole = element(
         "table",
