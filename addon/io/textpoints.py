@@ -58,7 +58,8 @@ def rows_to_samples(
     for line, fields in rows:
         frame = _frame(fields[0], path, line)
         if count and not 0 < frame - before <= MAX_GAP:
-            raise InputError(f"goes from frame {before} to {frame}; expected ascending frames", path, line)
+            words = f"goes from frame {before} to {frame}"
+            raise InputError(f"{words}; expected frames that ascend, by {MAX_GAP:,} at most", path, line)
         first, before, count = frame if not count else first, frame, count + 1
         here = takewhile(len(fields).__gt__, columns)
         row = [_value(fields, column + axis, path, line) for column in here for axis in range(3)]

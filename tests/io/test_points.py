@@ -466,6 +466,7 @@ def trc() -> str:
         (trc, "\n100\t", "\n0\t", "'0' for its DataRate; expected frames a second, written there or given", 3),
         (trc, "(?s)\tNumFrames.*", "\n", "ends in its head", 2),
         (trc, "\n3\t", "\n9999\t1\t1\t1\t1\n19998\t", "has 3 rows for frames 1–19998; expected every frame", 0),
+        (trc, "\n3\t", "\n20000\t", "from frame 1 to 20000; expected frames that ascend, by 10,000 at most", 7),
         (trc, "\n1\t", "\n\t", "begins with ''; expected a frame number", 6),
         *((trc, "\n1\t.*", f"\n{row}", r"expected a (frame )?number", 6) for row in (
             "1\t0.01\t1 234.5\t2\t3", "1\t0.01\t1 2 3", "1 0.01 1 2 3", "1 234\t12.34\t1\t2\t3",
