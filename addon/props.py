@@ -22,6 +22,7 @@ from bpy.props import (
 )
 
 from .core.data.errors import InputError
+from .core.data.physical import HEIGHTS_M
 from .core.edits.kinds import counted_on, words_of
 from .core.filling.kept import KeptFill, resting_on
 from .core.geometry.camera_up import AXIS_NAMES
@@ -255,8 +256,8 @@ class LabellingSettings(bpy.types.PropertyGroup):
         name="Height",
         description="The subject's height",
         default=1.75,
-        min=0.5,
-        max=2.5,
+        min=HEIGHTS_M[0],
+        max=HEIGHTS_M[1],
         subtype="DISTANCE",
         unit="LENGTH",
     )

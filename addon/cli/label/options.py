@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ...blendfile import has_blender, open_cameras
 from ...core.data.errors import InputError
+from ...core.data.physical import HEIGHTS_M
 from ...core.points.models import METHODS, USUAL_TARGET, chosen_method, plain_method
 from ...core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from ...io.edits import edits_beside
@@ -144,7 +145,8 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     share = number(0.5, 0.999999, "share")
     right = f"of points, the share of labels that must be right; what is less sure is left out ({USUAL_TARGET:g})"
     add("--target", type=share, default=USUAL_TARGET, metavar="P", help=right)
-    add("--height", type=number(0.3, 3, "height"), metavar="M", help="the subject's height, a hint for the fitted body")
+    tall = number(*HEIGHTS_M, "height")
+    add("--height", type=tall, metavar="M", help="the subject's height, a hint for the fitted body")
     faces = "where the subject faces at first, a hint: counter-clockwise from world +x, seen from above"
     add("--facing", type=number(-360, 360, "angle"), metavar="DEG", help=faces)
     corrected = "corrections of one take, in their order (default: walk.edits.json beside walk.csv, if it is there)"

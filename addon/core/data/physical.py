@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 SIGMAS = 3.0  # standard deviations beyond which something is no chance: 0.3 % of a normal distribution lie there
+# m, how tall people are: a child of two years, and what hardly anybody is taller than
+HEIGHTS_M = 0.9, 2.2  # physical
 
 
 @dataclass(frozen=True)
@@ -50,3 +52,8 @@ class MarkerLimits:
 
 
 MARKER_LIMITS = MarkerLimits()
+
+
+def possible_height(height: np.ndarray | float) -> np.ndarray:
+    """Heights, m, or the nearest that people have."""
+    return np.clip(height, *HEIGHTS_M)

@@ -12,10 +12,9 @@ import numpy as np
 
 from ..body.bodies import BodyModel
 from ..data.markersets import MarkerSet
-from ..data.physical import MARKER_LIMITS
+from ..data.physical import MARKER_LIMITS, possible_height
 from ..data.takes import evenly_spread
 from ..geometry import rotations
-from ..papers.virtual_occlusions.placement import GUESSING
 from ..points.likelihood.learn import LEARN
 from ..points.likelihood.shape import cloud_radius
 from ..points.whole_take.pairs import PAIRING, is_still, moments
@@ -142,7 +141,7 @@ def _stranger(model: BodyModel, rng: np.random.Generator) -> MarkerSet:
     height = spread.height + spread.height_sd * rng.standard_normal()
     stray = np.tensordot(rng.standard_normal(len(model.modes)), model.modes, axes=1)
     stray[model.joint_count :] += spread.marker_sd[:, None] * rng.standard_normal((model.marker_count, 3))
-    offsets = (model.offsets + IMAGINING.wider * stray) * GUESSING.possible_height(height)
+    offsets = (model.offsets + IMAGINING.wider * stray) * possible_height(height)
     return _as_metres(model.markerset, offsets[: model.joint_count], offsets[model.joint_count :])
 
 

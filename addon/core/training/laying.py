@@ -14,11 +14,11 @@ from ..body.bodies import Bodies, BodyModel
 from ..body.prior import Prior
 from ..body.sides import mirror_order
 from ..data.markersets import MarkerSet
+from ..data.physical import possible_height
 from ..geometry import rotations
 from ..geometry.rigid import MIN_POINTS
 from ..geometry.upright import turned
 from ..papers.virtual_occlusions.fit import fit_body
-from ..papers.virtual_occlusions.placement import GUESSING
 from ..posing.posing import labelled_pull
 from .poses import known_poses, posed_bodies
 from .spread import MAJORITY, some_of
@@ -136,7 +136,7 @@ def _laid(
     cloud, model, gate = frame[there], BodyModel(body), LAYING.gates[1]
     apart = marker_sides(body.markers)[:, None] * sides[there] < 0  # what is left is nothing right
     height = float(np.ptp(cloud[:, 2]) / np.ptp(body.rest_markers[:, 2]))
-    height = float(GUESSING.possible_height(height))
+    height = float(possible_height(height))
     bodies = _fitted(model, cloud, apart, _starts(model, cloud, poses, height), height)
     markers = model.pose(bodies).markers
     matched = _matched(markers, cloud, apart, gate * height)
@@ -147,7 +147,7 @@ def _laid(
     places = places_in_segments(model, bodies, cloud)
     off_skin = np.minimum([off_surface(body, own)[:, on_worn_limbs(body)].min(axis=1) for own in places], gate)
     off = (away.sum(axis=1) + (alone * off_skin).sum(axis=1)) / (len(body) + len(cloud))
-    fits = (off <= LAYING.max_off) & (size == GUESSING.possible_height(size))
+    fits = (off <= LAYING.max_off) & (size == possible_height(size))
     if not fits.any():
         return None
     best = np.where(fits, off, np.inf).argmin()

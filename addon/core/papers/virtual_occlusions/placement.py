@@ -11,6 +11,7 @@ import numpy as np
 
 from ...body.bodies import Bodies, BodyModel
 from ...data.errors import JobError
+from ...data.physical import possible_height
 from ...geometry import rotations
 from ...geometry.views import View
 from .cloud import Cloud
@@ -20,14 +21,8 @@ from .cloud import Cloud
 class GuessOptions:
     """What a first guess from a cloud may be."""
 
-    min_height_m: float = 0.9  # physical: a child of two years
-    max_height_m: float = 2.2  # physical: hardly anybody is taller
     # of a cloud's weight, false crossings at each end of its box, one point of fifty
     trimmed_share: float = 0.02  # physical
-
-    def possible_height(self, height: np.ndarray | float) -> np.ndarray:
-        """Heights, m, or the nearest that people have."""
-        return np.clip(height, self.min_height_m, self.max_height_m)
 
 
 GUESSING = GuessOptions()
@@ -89,7 +84,7 @@ def principal_guess(cloud: Cloud, tallest_marker: float) -> Guess:
 def stature(cloud: Cloud, tallest_marker: float) -> float:
     """Height in m of the body whose highest marker, at `tallest_marker` heights, is a cloud's highest point."""
     tall = extent(cloud.points[:, 2:], cloud.weight)[0] / tallest_marker
-    return float(GUESSING.possible_height(tall))
+    return float(possible_height(tall))
 
 
 def extent(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
