@@ -12,7 +12,7 @@ from ..core.data.columns import Columns, beside_of, markers_in
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.progress import Progress, within
-from ..core.data.takes import Points
+from ..core.data.takes import Points, part_of_take
 from ..core.edits.kinds import NO_EDITS
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill
@@ -119,8 +119,7 @@ def _origins(take: Points, names: Sequence[str], report: dict | None, source: Pa
     try:
         for name, row in report["provenance"].get("markers", {}).items() if report else ():
             for first, last in row.get("hand_frames", ()):
-                begin, end = (max(frame - take.first_frame, 0) for frame in (first, last + 1))
-                hand[begin:end, names.index(name)] = True
+                hand[part_of_take(first, last, take.first_frame), names.index(name)] = True
     except (AttributeError, LookupError, TypeError, ValueError):
         beside = source.with_name(source.stem + REPORT)
         raise InputError("is damaged in what is by hand; expected the report as it was written", beside) from None

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import MarkerSet
+from ..core.data.takes import part_of_take
 from ..core.data.wording import count_of
 from ..core.pipelines.known_sets import WORN
 from ..core.points.possible import refuse_labelled
@@ -110,7 +111,7 @@ def looked_at(
     for flags, spans in zip((asked, filled), _spans(report, path), strict=True):
         for name, first, last in spans:
             if name in names:
-                flags[max(first - first_frame, 0) : max(last - first_frame + 1, 0), list(names).index(name)] = True
+                flags[part_of_take(first, last, first_frame), list(names).index(name)] = True
     edits = edits_beside(path)
     if edits is not None:
         of_name = {name: at for at, name in enumerate(names)}

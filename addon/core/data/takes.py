@@ -240,6 +240,11 @@ def summed(one: dict[str, float], other: dict[str, float]) -> dict[str, float]:
     return {stage: one.get(stage, 0.0) + other.get(stage, 0.0) for stage in {**one, **other}}
 
 
+def part_of_take(first: int, last: int, first_frame: int) -> slice:
+    """What of a take that begins with `first_frame` is in the frames from the first to the last, both included."""
+    return slice(max(first - first_frame, 0), max(last + 1 - first_frame, 0))
+
+
 def rows_in_frame(rows: "Blobs | PointRows", index: int) -> slice:
     """Which rows of a take, in the order of its frames, are of frame `index`."""
     return slice(*np.searchsorted(rows.frame, [index, index + 1]).tolist())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..data.takes import Blobs, EditOutcome, LabelledChunk, Motion, PointRows, Suspect, rows_in_frame
+from ..data.takes import Blobs, EditOutcome, LabelledChunk, Motion, PointRows, Suspect, part_of_take, rows_in_frame
 from ..edits.applying import joined
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import NO_CAMERAS, Cameras
@@ -242,7 +242,7 @@ class TakeOverview:
         cells = np.where(present, NAMED_CELL, GAP_CELL)
         first = int(motion.frames[0])
         for doubt in doubts:
-            part = slice(max(doubt.first - first, 0), max(doubt.last - first + 1, 0))
+            part = part_of_take(doubt.first, doubt.last, first)
             markers = [words[name] for name in doubt.markers if name in words]
             cells[part, markers] = np.where(cells[part, markers] == NAMED_CELL, DOUBTFUL_CELL, cells[part, markers])
         cells[present & (motion.residual == 0)] = FILLED_CELL
