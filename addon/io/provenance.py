@@ -59,6 +59,10 @@ def sealed(report: dict) -> dict:
     return report | {"provenance": report["provenance"] | {"report": _digest_of(report)}}
 
 
+def _is_as_sealed(report: dict) -> bool:
+    return report["provenance"].get("report") == _digest_of(report)
+
+
 def _digest_of(report: dict) -> str:
     made = {name: value for name, value in report["provenance"].items() if name != "report"}
     try:
@@ -88,7 +92,7 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
         what = f"is of a run that differs in {', '.join(other)}"
         raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
     missing, changed = _results_now(path, report)
-    if report["provenance"].get("report") != _digest_of(report):
+    if not _is_as_sealed(report):
         changed.append(path)
     if changed:
         raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", changed[0])
@@ -206,7 +210,7 @@ def differences(path: Path, report: dict, version: str, asked: Path) -> list[str
     found = []
     if not asked.is_dir() and asked.name.removeprefix(stem) not in ("", REPORT, *made["results"]):
         found.append(f"{asked.name} is none of its results")
-    if made["report"] != _digest_of(report):
+    if not _is_as_sealed(report):
         found.append("the report was changed")
     if made["version"] != version:
         found.append(f"it was made by version {made['version']} and this is {version}")
