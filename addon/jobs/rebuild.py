@@ -131,7 +131,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         parts = reconstruct_take((rows.blobs for rows in read), cameras, rate)
         for rows, part in zip(chunks, parts, strict=True):
             spool.add(part)
-            blobs, sums, pixel = blobs + len(rows.blobs), _summed(sums, part), part.pixel
+            blobs, sums, pixel = blobs + len(rows.blobs), _summed(sums, part, len(spool.spans.table)), part.pixel
             yield Progress(rows.fraction, f"frame {part.frames[-1]}")
         points = spool.points()
         if not points.names:
@@ -158,8 +158,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
     }
 
 
-def _summed(sums: np.ndarray, part: Reconstructed) -> np.ndarray:
-    """(2, N) how many blobs every trajectory has, and its squared residuals, m², of the frames before and of a part."""
-    count = max(sums.shape[1], int(part.trajectory.max(initial=-1)) + 1)
+def _summed(sums: np.ndarray, part: Reconstructed, count: int) -> np.ndarray:
+    """(2, N) how many blobs each of N trajectories has, and its squared residuals, m², up to a part and with it."""
     new = [np.bincount(part.trajectory, of, count) for of in (part.support, part.residual**2)]
     return np.pad(sums, ((0, 0), (0, count - sums.shape[1]))) + new

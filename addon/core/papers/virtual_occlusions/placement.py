@@ -17,15 +17,11 @@ from ...geometry.views import View
 from .cloud import Cloud
 
 
-@dataclass(frozen=True)
-class GuessOptions:
+class GUESSING:
     """What a first guess from a cloud may be."""
 
     # of a cloud's weight, false crossings at each end of its box, one point of fifty
     trimmed_share: float = 0.02  # physical
-
-
-GUESSING = GuessOptions()
 
 
 @dataclass(frozen=True)
