@@ -147,7 +147,7 @@ class TakeLabeller:
             for first, last, track in self.rereader.read_again(results, self.last):
                 if last == end and track is not None and self.track is not None:
                     self.track = track
-                chunk.suspect(first, last, "names did not suit the rest of the take and are new")
+                chunk.suspect(first, last, "names did not suit the rest of the take and are new or gone")
             name_by_tracklets(chunk.views, results, self.setup.rate)
         self.last = results.get(end) if chunk.views else self.last
 
