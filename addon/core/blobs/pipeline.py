@@ -135,9 +135,10 @@ class TakeLabeller:
 
         What was found of the subject is known then, and what was not is looked for as far off as labs differ. Where
         another loses its name by that, the marker is not worn. Without it people of other labs lose 1 % of their names.
+        By two cameras there is no telling: their rays always meet somewhere.
         """
         known = self.rereader.known
-        if known is None or known.known.all() or 0 not in chunk.results:
+        if known is None or known.known.all() or 0 not in chunk.results or len(self.setup.cameras) < 3:
             return chunk
         height, wide = float(known.subject.bodies.scale.mean()), np.where(known.known, 0.0, MARKER_LIMITS.lab_m)
         other = self.kept()
