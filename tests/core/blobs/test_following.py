@@ -16,9 +16,9 @@ from addon.core.blobs.swaps import swap_names
 from addon.core.blobs.tracking import FrameResult, Track, follow
 from addon.core.geometry.views import View
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import CaptureOptions
+from addon.core.simulation.simulate import CaptureOptions, capture
 from addon.core.simulation.virtual import Act
-from tests.core.scenes import RATE, act, built_in
+from tests.core.scenes import RATE, act, built_in, joined
 
 FOOT = ("LANK", "LHEE", "LTOE")
 RIG = ring_rig(8, radius=4.5, volume_radius=1.3)
@@ -49,7 +49,12 @@ def begun(scene, occlusion=None):
 
 @cache
 def _followed():
-    scene = walk()
+    setup, views, results = follow_all(walk())
+    return setup, views, list(results.values())
+
+
+def follow_all(scene):
+    """The setup of a scene, its views, and its frames by index as followed."""
     setup, views, found, track = begun(scene)
     sure = np.ones(len(scene.markerset))
     results = [FrameResult(found.subject.bodies, found.naming, found.expected, found.confidence, sure)]
@@ -57,7 +62,7 @@ def _followed():
         one = follow(track, view, setup)
         track = one.track
         results.append(FrameResult(track.subject.bodies, one.naming, one.expected, found.confidence, sure))
-    return setup, views, results
+    return setup, views, dict(enumerate(results))
 
 
 def wrong_names(scene, views, results):
@@ -84,7 +89,7 @@ def test_one_foot_of_exchanged_markers_is_put_right(frames):
     scene, setup, views, results = followed()
     exchange(scene, results, frames, *FOOT)
     assert wrong_names(scene, views, results)[list(frames)].min() > 10
-    ((first, last, track),) = Rereader(setup).read_again(results, None)
+    (first, last, track), *_ = Rereader(setup).read_again(results, None)
     assert first <= frames[0] and last >= frames[-1]
     assert not wrong_names(scene, views, results).any()
     assert track is not None or last < len(views) - 1
@@ -120,6 +125,23 @@ def test_a_chunk_that_begins_wrong_is_read_from_the_one_before():
     exchange(scene, results, range(40, 46), *FOOT)
     assert rereader.read_again(rest, results[39])
     assert not wrong_names(scene, views[40:], rest).any()
+
+
+def test_what_suits_the_subject_in_no_reading_loses_its_name():
+    """From a frame on a toe's marker is hidden, and one that is not of the set is seen before it."""
+    scene, hidden = walk(), slice(50, None)
+    toe, markers = scene.markerset.index("RTOE"), scene.points.copy()
+    other = np.full_like(markers[:, :1], np.nan)
+    other[hidden, 0] = 1.4 * markers[hidden, toe] - 0.4 * markers[hidden, scene.markerset.index("RHEE")]
+    markers[hidden, toe] = np.nan
+    both, names = np.concatenate([markers, other], axis=1), (*scene.markerset.markers, "other")
+    seen = joined(capture(both, names, RIG, CaptureOptions(noise=0.3)))
+    scene = replace(scene, blobs=seen.blobs, truth=seen.truth)
+    setup, views, results = follow_all(scene)
+    assert wrong_names(scene, views, results)[hidden].min() == len(RIG)
+    first, last, track = Rereader(setup).read_again(results, None)[-1]
+    assert not wrong_names(scene, views, results).any()
+    assert (first, last) == (50, 71) and track is not None, "the track goes on without that name"
 
 
 FRAMES = range(30, 38)

@@ -61,6 +61,21 @@ def test_a_walk_is_named(name):
     assert whole.found.all() and not whole.suspects
 
 
+def test_a_marker_that_somebody_wears_elsewhere_is_found():
+    """12 cm off, farther than single frames look; where it is not worn, nothing has its name, or loses one by it."""
+    scene = walk("body26")
+    marker = scene.markerset.index("C7")
+    own = scene.bodies.own.copy()
+    own[:, marker, 0] += 0.07
+    scene = film(scene.markerset, RIG, replace(scene.bodies, own=own), ROOM)
+    worn = np.array(["C7" in truth.split("|") for truth in scene.truth])
+    whole = Outcome(scene)
+    assert whole.right[worn].mean() > 0.99 and whole.wrong <= 0.0005 * whole.given.sum()
+    without = Outcome(scene, ~worn)
+    assert not (without.marker == marker).any()
+    assert without.right.mean() > 0.999
+
+
 def test_labels_are_well_formed():
     whole = outcome()
     assert ((whole.confidence >= 0) & (whole.confidence <= 1)).all()
