@@ -33,7 +33,7 @@ TEXT_READERS = {".trc": read_trc, ".tsv": read_tsv, ".csv": read_csv}
 MAX_WIDE_CELLS = 2_000_000
 
 
-_UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
+_UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ :_-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)

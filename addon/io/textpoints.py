@@ -388,10 +388,13 @@ def _titles(lines: list[str], path: Path) -> tuple[dict[str, list[str]], int]:
         first, second = [*fields, "", ""][:2]
         if first.strip().lower() == "frame":
             return titles, number
-        if second.strip().lower() in ("type", "name"):
-            titles[second.strip().lower()] = fields
+        said = second.strip().lower()
+        if said in ("type", "name"):
+            titles[said] = fields
         elif any(field.strip() in ("Position", "Rotation") for field in fields):
             titles["property"] = fields
+        elif not said and _is_row(line) and len(titles) < 2:  # Motive 1 leaves out the titles of these two
+            titles["name" if titles else "type"] = fields
     raise InputError(f"has no row that begins with Frame; expected {MOTIVE}", path, min(len(lines), 12))
 
 

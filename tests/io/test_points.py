@@ -305,6 +305,17 @@ def test_motive_export(tmp_path):
     assert said == ["120", "240.000000", "5", "2", "mm", "240.000000", "0", "5"]
 
 
+def test_a_motive_export_whose_rows_have_no_titles_is_read_as_one_with_them(tmp_path):
+    """Motive 1's, whose points without names are also called otherwise."""
+    path, text = tmp_path / "take.csv", motive().replace("Unlabeled 1036", "Unlabeled:1036")
+    for title in ("Type", "Name", "ID", "Parent"):
+        text = text.replace(f"\n,{title},", "\n,,")
+    path.write_text(text)
+    take = read_points(path)
+    assert take.names == ("Ann:LASI", "")
+    np.testing.assert_allclose(take.xyz[0], [[0.1, 0.2, 1.0], [0.011, -0.033, 0.022]])
+
+
 @pytest.mark.parametrize("sheet", [True, False])  # as a spreadsheet saves it, which fills up rows with commas
 def test_vicon_export(tmp_path, sheet):
     path, text = tmp_path / "take.csv", vicon()
