@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Calibrations as XML: Vicon's `.xcp`, Qualisys' `.qca.txt` and OptiTrack Motive's `.mcal`."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -114,7 +115,8 @@ def _vicon_lens(camera: _Camera, frame: Element, focal: float) -> tuple[np.ndarr
         terms = np.append(camera.read(frame, "VICON_RADIAL", each=2), 0.0)
     elif text := frame.get("VICON_RADIAL2"):
         what = f"VICON_RADIAL2 of camera {camera.name}"
-        terms = numbers(text.replace("ViconRadial2", ""), 5, what, camera.path)[2:]
+        # In front stands the kind of lens, "Vicon3Parameter".
+        terms = numbers(re.sub(r"^\s*Vicon\w+", "", text), 5, what, camera.path)[2:]
         if abs(terms[0]) > PIXEL_COEFFICIENT:
             return np.array([terms[0], terms[1], 0, 0, terms[2]]), np.zeros(3)
     return np.zeros(5), terms * focal ** np.array([2.0, 4.0, 6.0])
