@@ -351,7 +351,8 @@ def read_motive(path: Path, given: float | None = None) -> PointFile:
     head = _fields(lines[0] if lines else "", path, 1)
     settings = dict(zip((key.strip().lower() for key in head[::2]), head[1::2], strict=False))
     if not any(opening in settings for opening in OPENINGS):
-        raise InputError(f"does not begin with Motive's settings; expected {MOTIVE}", path, 1)
+        words = "does not begin with Motive's settings, nor with a section of Vicon's"
+        raise InputError(f"{words}; expected {MOTIVE}, or {VICON}", path, 1)
     rate = _rate(settings, path, given)
     titles, start = _titles(lines, path)
     kinds, names, properties = (titles.get(key, []) for key in ("type", "name", "property"))

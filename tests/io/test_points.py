@@ -467,7 +467,7 @@ def trc() -> str:
         (vicon, "(?s)\n10,0,1.*", "", "no frames", 0),
         (vicon, r",,Ann:LASI,,,\*7,,,Ann:LASI,,", "", "no columns X, Y, Z", 13),
         (vicon, "(?s).\n\nModel.*", "", "without a line end", 18),
-        (motive, "Format Version,1.23,Take Name,test,", "", "Motive's settings", 1),
+        (motive, "Format Version,1.23,Take Name,test,", "", "settings, nor .* Vicon .csv", 1),
         (motive, "240.000000,(.*),120.000000", r"0,\1,none", "'none' for its Export Frame Rate; expected frames", 1),
         (motive, "240.000000,(.*),120.000000", r",\1,", "has no Export Frame Rate; expected frames a second", 1),
         (motive, "Frame,Time", "No,Time", "begins with Frame", 12),
