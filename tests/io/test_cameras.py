@@ -98,6 +98,11 @@ def test_vicon_lens_and_last_key_frame(tmp_path, radial):
     np.testing.assert_allclose(unbent, straight, atol=1e-9)
 
 
+def test_a_calibration_for_theia_is_not_taken_for_one_of_qualisys(tmp_path):
+    text = re.sub(r'sensorMax(.)="([\d.]+)"', lambda at: f'sensorMax{at[1]}="{float(at[2]) / 64}"', qca(ring()))
+    refused("has a sensor of 11 × 8 px; expected a Qualisys", read_cameras, write(tmp_path / "a.qca.txt", text))
+
+
 def test_vicon_lens_in_nexus_2s_words(tmp_path):
     text = xcp(bonitas(), BONITA)
     lens = row(BONITA)
