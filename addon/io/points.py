@@ -15,7 +15,7 @@ from ..core.data.lanes import blocks
 from ..core.data.made import IN_MEMORY, MakeTable, Scaled
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Points
-from ..core.data.wording import words_of_range
+from ..core.data.wording import count_of, listed, words_of_range
 from .c3d.file import TrialFile
 from .c3d.reading import open_c3d
 from .c3d.writing import write_c3d_file
@@ -33,7 +33,7 @@ TEXT_READERS = {".trc": read_trc, ".tsv": read_tsv, ".csv": read_csv}
 MAX_WIDE_CELLS = 2_000_000
 
 
-_UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
+_UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ :_-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,10 +188,8 @@ def marker_columns(names: Sequence[str], wanted: Sequence[str], path: Path | str
     for name in wanted:
         if full[name] > 1 or (not full[name] and bare[_bare(name)] > 1 and ":" not in name):
             owners = sorted({other for other in names if _bare(other) == _bare(name)})
-            what = "two subjects" if len(owners) > 1 else "the label twice"
-            raise InputError(
-                f"has {what} for marker {name} ({', '.join(owners[:3])}); expected every marker once", str(path)
-            )
+            what = count_of(len(owners), "subject") if len(owners) > 1 else "the label twice"
+            raise InputError(f"has {what} for marker {name} ({listed(owners)}); expected every marker once", str(path))
         match = next((i for i, other in enumerate(names) if other == name), None)
         if match is None and ":" not in name:
             match = next((i for i, other in enumerate(names) if _bare(other) == name), None)

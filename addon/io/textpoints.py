@@ -163,11 +163,7 @@ def read_trc(path: Path, given: float | None = None) -> PointFile:
     columns = [2 + 3 * index for index in range(len(labels))]
     rows, word = _trc_rows(lines, begin, ended, named, path), "+Z" if Z_UP in lines[0] else ""
     take = text_file(rows, labels, columns, path, rate, head.get("Units", ""), word)
-    promised = count_in(head.get("NumFrames", ""))
-    lacking = f"has {take.frames} of {promised} frames that its head counts" if take.frames < promised else ""
-    if lacking and not ended:  # its last number may be cut
-        words = f"{lacking}, and ends in the middle of a row or without a line end"
-        raise InputError(f"{words}; expected a whole last row", path, len(lines))
+    lacking = _lacking(take.frames, head.get("NumFrames", ""), ended, path, len(lines))
     filled = [line for line in lines[begin:] if line.strip()]
     ends = [filled[at].split("\t") for at in (0, -1)]
     begin_s = _value(ends[0], 1, path, begin + 1) - take.first_frame / rate
@@ -176,6 +172,18 @@ def read_trc(path: Path, given: float | None = None) -> PointFile:
     times = [row[1].strip() if len(row) > 1 else "" for row in ends]
     notes = lacking, "" if rate == given else _other_rate(times, take.frames, rate)
     return replace(take, notes=tuple(filter(None, notes)), trial=trial)
+
+
+def _lacking(frames: int, promised: str, ended: bool, path: Path, line: int) -> str:
+    """What to say of a text that has fewer frames than its head counts: a part of it, or all that a program wrote.
+
+    InputError with the last line where it has not `ended` with a line's end.
+    """
+    words = f"has {frames} of {promised} frames that its head counts" if frames < count_in(promised) else ""
+    if words and not ended:  # its last number may be cut
+        words += ", and ends in the middle of a row or without a line end"
+        raise InputError(f"{words}; expected a whole last row", path, line)
+    return words
 
 
 def _other_rate(ends: Sequence[str], frames: int, rate: float) -> str:
@@ -343,18 +351,20 @@ def read_motive(path: Path, given: float | None = None) -> PointFile:
     head = _fields(lines[0] if lines else "", path, 1)
     settings = dict(zip((key.strip().lower() for key in head[::2]), head[1::2], strict=False))
     if not any(opening in settings for opening in OPENINGS):
-        raise InputError(f"does not begin with Motive's settings; expected {MOTIVE}", path, 1)
+        words = "does not begin with Motive's settings, nor with a section of Vicon's"
+        raise InputError(f"{words}; expected {MOTIVE}, or {VICON}", path, 1)
     rate = _rate(settings, path, given)
     titles, start = _titles(lines, path)
     kinds, names, properties = (titles.get(key, []) for key in ("type", "name", "property"))
     labels, columns = _markers(kinds, names, properties, path, start)
     unit = settings.get("length units", "").strip()
-    promised = settings.get("total exported frames", "").strip()
-    take = text_file(_rows(lines, start, path), labels, columns, path, rate, unit, promised=promised)
+    take = text_file(_rows(lines, start, path), labels, columns, path, rate, unit)
+    promised, ended = settings.get("total exported frames", "").strip(), text.endswith(("\n", "\r"))
+    lacking = _lacking(take.frames, promised, ended, path, len(lines))
     of_take = {key: text.strip() for key, text in settings.items() if ABOUT_TAKE.match(key) and text.strip()}
     known = {"capture frame rate": ("CameraRate", "OrigDataRate"), "total frames in take": ("OrigNumFrames",)}
     fields = {name: of_take[key].replace("\t", " ") for key, names in known.items() if key in of_take for name in names}
-    return replace(take, trial=TextHead(fields, of_take))
+    return replace(take, notes=(lacking,) if lacking else (), trial=TextHead(fields, of_take))
 
 
 def _is_row(line: str) -> bool:
@@ -388,10 +398,13 @@ def _titles(lines: list[str], path: Path) -> tuple[dict[str, list[str]], int]:
         first, second = [*fields, "", ""][:2]
         if first.strip().lower() == "frame":
             return titles, number
-        if second.strip().lower() in ("type", "name"):
-            titles[second.strip().lower()] = fields
+        said = second.strip().lower()
+        if said in ("type", "name"):
+            titles[said] = fields
         elif any(field.strip() in ("Position", "Rotation") for field in fields):
             titles["property"] = fields
+        elif not said and _is_row(line) and len(titles) < 2:  # Motive 1 leaves out the titles of these two
+            titles["name" if titles else "type"] = fields
     raise InputError(f"has no row that begins with Frame; expected {MOTIVE}", path, min(len(lines), 12))
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Calibrations as XML: Vicon's `.xcp`, Qualisys' `.qca.txt` and OptiTrack Motive's `.mcal`."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,6 +23,8 @@ XCP, QCA, MCAL = "a Vicon .xcp calibration", "a Qualisys calibration", "a Motive
 PIXEL_COEFFICIENT = 1e-4
 # Focal lengths are hundreds of px and the shapes of pixels near one; what is far below overflows where it divides.
 LEAST = 1e-6
+# px along a sensor: physical; calibrations for Theia look like Qualisys' but are in whole pixels
+LEAST_SENSOR = 100
 
 # Qualisys and Motive look along their own -z with y up, we along +z with y down.
 CAMERA_TURN = np.diag([1.0, -1.0, -1.0])
@@ -114,7 +117,8 @@ def _vicon_lens(camera: _Camera, frame: Element, focal: float) -> tuple[np.ndarr
         terms = np.append(camera.read(frame, "VICON_RADIAL", each=2), 0.0)
     elif text := frame.get("VICON_RADIAL2"):
         what = f"VICON_RADIAL2 of camera {camera.name}"
-        terms = numbers(text.replace("ViconRadial2", ""), 5, what, camera.path)[2:]
+        # In front stands the kind of lens, "Vicon3Parameter".
+        terms = numbers(re.sub(r"^\s*Vicon\w+", "", text), 5, what, camera.path)[2:]
         if abs(terms[0]) > PIXEL_COEFFICIENT:
             return np.array([terms[0], terms[1], 0, 0, terms[2]]), np.zeros(3)
     return np.zeros(5), terms * focal ** np.array([2.0, 4.0, 6.0])
@@ -134,9 +138,13 @@ def _qca(camera: _Camera) -> RigCamera:
     centre = read(intrinsic, "centerPointU", "centerPointV") / SUBPIXELS
     [skew] = camera.read_lens(intrinsic, ("skew",)) / SUBPIXELS
     low, high = read(intrinsic, "sensorMinU", "sensorMinV"), read(intrinsic, "sensorMaxU", "sensorMaxV")
+    size = np.ceil((high - low + 1) / SUBPIXELS)
+    if min(size) < LEAST_SENSOR:
+        words = f"camera {camera.name} has a sensor of {size[0]:.0f} × {size[1]:.0f} px"
+        raise InputError(f"{words}; expected {QCA}, which is in 64ths of a pixel", camera.path)
     return RigCamera(
         name=camera.name,
-        size=np.ceil((high - low + 1) / SUBPIXELS),
+        size=size,
         matrix=np.array([[focal[0], skew, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]]),
         distortion=camera.read_lens(intrinsic, _QUALISYS_LENS),
         rotation=rotation,

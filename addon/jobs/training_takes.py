@@ -12,7 +12,7 @@ import numpy as np
 from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import part_of_take
-from ..core.data.wording import count_of
+from ..core.data.wording import count_of, listed
 from ..core.pipelines.known_sets import WORN
 from ..core.points.possible import refuse_labelled
 from ..core.posing.posing import POSING
@@ -171,7 +171,7 @@ def _named(points: FilePoints, own: Sequence[int]) -> tuple[tuple[str, ...], np.
     bare = [points.names[index].rpartition(":")[2] for index in kept]
     doubled = [name for name, count in Counter(bare).items() if count > 1]
     if len(owners) > 1 and len(doubled) >= POSING.min_markers:
-        words = f"has two subjects ({', '.join(owners[:3])})"
+        words = f"has {count_of(len(owners), 'subject')} ({listed(owners)})"
         raise InputError(f"{words}; expected a take of one, or one of them chosen, as by --subject {owners[-1]}=GLOB")
     kept = [index for index, name in zip(kept, bare, strict=True) if name not in doubled]
     if len(kept) < POSING.min_markers:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from addon.core.geometry.camera_up import guess_up, turned
 from addon.io.cameras import read_cameras, write_cameras
 from tests.io.checks import refused
-from tests.io.samples import mcal, opencv_matrix, qca, ring, write_selfcal, xcp, yml
+from tests.io.samples import mcal, opencv_matrix, qca, ring, row, write_selfcal, xcp, yml
 
 ROOM = np.random.default_rng(3).uniform([-1, -1, 0], [1, 1, 1.9], (50, 3))
 
@@ -96,6 +96,20 @@ def test_vicon_lens_and_last_key_frame(tmp_path, radial):
     unbent = offset * (1 + radial[0] * squared + radial[1] * squared**2) + cameras.matrix[:, None, :2, 2]
     assert np.abs(bent - straight).max() > 0.5
     np.testing.assert_allclose(unbent, straight, atol=1e-9)
+
+
+def test_a_calibration_for_theia_is_not_taken_for_one_of_qualisys(tmp_path):
+    text = re.sub(r'sensorMax(.)="([\d.]+)"', lambda at: f'sensorMax{at[1]}="{float(at[2]) / 64}"', qca(ring()))
+    refused("has a sensor of 11 × 8 px; expected a Qualisys", read_cameras, write(tmp_path / "a.qca.txt", text))
+
+
+def test_vicon_lens_in_nexus_2s_words(tmp_path):
+    text = xcp(bonitas(), BONITA)
+    lens = row(BONITA)
+    newer = text.replace(f'VICON_RADIAL="{lens}"', f'VICON_RADIAL2="Vicon3Parameter 512 512 {lens} 0"')
+    assert newer != text
+    found = [read_cameras(write(tmp_path / "a.xcp", one)).inverse for one in (text, newer)]
+    np.testing.assert_array_equal(*found)
 
 
 def test_vicon_names_are_those_that_tell_cameras_apart(tmp_path):

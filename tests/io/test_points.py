@@ -139,7 +139,8 @@ def test_axes_and_centres_are_no_markers_those_behind_a_subject_are_and_doubles_
     assert marker_columns(["Ann:LASI", "", "RASI"], ["LASI", "RASI", "SACR"]).tolist() == [0, 2, -1]
     assert marker_columns(["Ann:LASI", "Bob:LASI"], ["Bob:LASI"]).tolist() == [1]
     assert marker_columns(["LASI", "Bob:LASI"], ["LASI"]).tolist() == [0]
-    refused(r"two subjects.*Ann:LASI, Bob:LASI", marker_columns, ["Ann:LASI", "Bob:LASI"], ["LASI"], "take.c3d")
+    names = [f"{who}:LASI" for who in ("Ann", "Bob", "Cy", "Di")]
+    refused(r"has 4 subjects for marker LASI \(.*Cy:LASI, Di:LASI", marker_columns, names, ["LASI"], "take.c3d")
     refused("the label twice", marker_columns, ["LASI", "LASI"], ["LASI"])
 
 
@@ -305,6 +306,17 @@ def test_motive_export(tmp_path):
     assert said == ["120", "240.000000", "5", "2", "mm", "240.000000", "0", "5"]
 
 
+def test_a_motive_export_whose_rows_have_no_titles_is_read_as_one_with_them(tmp_path):
+    """Motive 1's, whose points without names are also called otherwise."""
+    path, text = tmp_path / "take.csv", motive().replace("Unlabeled 1036", "Unlabeled:1036")
+    for title in ("Type", "Name", "ID", "Parent"):
+        text = text.replace(f"\n,{title},", "\n,,")
+    path.write_text(text)
+    take = read_points(path)
+    assert take.names == ("Ann:LASI", "")
+    np.testing.assert_allclose(take.xyz[0], [[0.1, 0.2, 1.0], [0.011, -0.033, 0.022]])
+
+
 @pytest.mark.parametrize("sheet", [True, False])  # as a spreadsheet saves it, which fills up rows with commas
 def test_vicon_export(tmp_path, sheet):
     path, text = tmp_path / "take.csv", vicon()
@@ -455,7 +467,7 @@ def trc() -> str:
         (vicon, "(?s)\n10,0,1.*", "", "no frames", 0),
         (vicon, r",,Ann:LASI,,,\*7,,,Ann:LASI,,", "", "no columns X, Y, Z", 13),
         (vicon, "(?s).\n\nModel.*", "", "without a line end", 18),
-        (motive, "Format Version,1.23,Take Name,test,", "", "Motive's settings", 1),
+        (motive, "Format Version,1.23,Take Name,test,", "", "settings, nor .* Vicon .csv", 1),
         (motive, "240.000000,(.*),120.000000", r"0,\1,none", "'none' for its Export Frame Rate; expected frames", 1),
         (motive, "240.000000,(.*),120.000000", r",\1,", "has no Export Frame Rate; expected frames a second", 1),
         (motive, "Frame,Time", "No,Time", "begins with Frame", 12),

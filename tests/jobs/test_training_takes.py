@@ -94,7 +94,7 @@ def test_a_model_that_is_trained_on_keeps_its_markers_and_what_is_known_their_or
     [
         (("", "", "*3", "", ""), (), "no named markers"),
         (("A", "A", "B", "C"), (), "label A twice"),
-        (BOTH, (), "two subjects (Ann, Bob)"),
+        (BOTH, (), "has 2 subjects (Ann, Bob)"),
         (NAMES[:3], (), "3 named markers; expected 4"),
         ((*NAMES, ""), NAMES, "none of its named markers in any frame"),
         (None, (), "does not begin"),

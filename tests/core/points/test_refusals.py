@@ -215,6 +215,15 @@ def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model
         labelled(walk[np.random.default_rng(0).permutation(len(walk))], RATE, model)
 
 
+def test_a_subject_who_is_there_for_a_part_of_the_take_is_named_as_in_that_part_alone(model, walk):
+    brief = walk[:40]
+    nobody = np.full((9 * len(brief), *brief.shape[1:]), np.nan)
+    alone = labelled(brief, RATE, model).labels.marker
+    there = labelled(np.concatenate([nobody, brief, nobody]), RATE, model).labels.marker
+    np.testing.assert_array_equal(there[len(nobody) :][: len(brief)], alone)
+    assert (alone != NO_MARKER).all()
+
+
 def test_so_is_one_of_few_frames_at_which_nobody_is_so_fast(model, walk):
     for frames in (30, 60, len(walk)):
         with pytest.raises(ForceableError, match=r"at 20000 Hz half of its points are faster than \d+ m/s, which"):

@@ -75,6 +75,7 @@ class BodyNaming:
     def __init__(self, crowd: "Crowd", may: np.ndarray, model: Model, refuse: Refuse):
         self.model, self._sure = model, refuse is not take_will_say
         self._tracklet = crowd.tracklets_of(may)
+        self._occupied = crowd.occupied
         self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, refuse)
         self._begun: list[Stage] = []
 
@@ -87,7 +88,7 @@ class BodyNaming:
     def named(self) -> Steps[NamedBody]:
         """The rest of it."""
         yield from self._begun
-        frames = yield from self._work
+        frames = replace((yield from self._work), occupied=self._occupied)
         yield Stage("vote", "solve the take of each")
         solution = yield from solution_for(frames, frames.labels, self._tracklet)
         return NamedBody(self.model, frames, solution, self._sure)
@@ -120,6 +121,12 @@ class Crowd:
 
     def __len__(self) -> int:
         return self.every
+
+    @cached_property
+    def occupied(self) -> int:
+        """How many frames there are from the first that shows anything to the last."""
+        there = np.flatnonzero((self.tracklet >= 0).any(axis=1))
+        return int(np.ptp(there)) + 1 if len(there) else len(self.tracklet)
 
     @cached_property
     def affinity(self) -> Affinity:

@@ -33,6 +33,7 @@ from ..refusals import (
     Sample,
     SubjectsError,
     UnsuitedError,
+    points_at_a_time,
     refuse_floods,
     refuse_others,
     refuse_two_groups,
@@ -169,6 +170,8 @@ class NamedFrames:
     search: Moves = "all"  # as in `PointOptions`
     # (K, M, 3) m where the subject's markers were in other frames, NaN where one was not; None where nobody knows
     shown: np.ndarray | None = None
+    # in how many frames the subject may be, of which its markers are in some; None where that is all of the take
+    occupied: int | None = None
 
     @property
     def by_motion(self) -> bool:
@@ -217,6 +220,8 @@ def _likelier(
     for one in asked:
         try:
             frames = yield from name_frames(take, tracklet, one, options)
+            # In frames that show nothing nobody is, so of no marker they say that it is seldom there.
+            frames = replace(frames, occupied=int(np.count_nonzero(points_at_a_time(take.xyz))))
             found.append((frames, *(yield from as_a_whole(frames, options))))
         except UnsuitedError as error:
             refusals.append(error)
@@ -359,7 +364,7 @@ def solution_for(
     if not frames.solvable:
         return None
     given = frames.take.xyz, tracklet, named, frames.model, frames.take.rate
-    return (yield from solve_take(*given, rulings, frames.search, frames.shown))
+    return (yield from solve_take(*given, rulings, frames.occupied, frames.search, frames.shown))
 
 
 def decided_of(

@@ -55,6 +55,7 @@ def solve_take(
     model: Model,
     rate: float,
     rulings: Rulings | None = None,
+    occupied: int | None = None,
     search: Moves = "all",
     shown: np.ndarray | None = None,
 ) -> Generator[float, None, Solution]:
@@ -62,8 +63,9 @@ def solve_take(
 
     named is what frames say on their own, of which the likeliest names are begun with. The model has a likelihood.
     Yields the share that is done. `rulings` is what a person said, whose tracklets these are: it begins with what the
-    take was solved to without them. `search` says which moves are tried on what has spread. `shown` (K, M, 3) m is
-    where the subject's markers were in other frames, NaN where one was not: their distances are known by that.
+    take was solved to without them. `occupied` is in how many frames the subject may be, all of them without it.
+    `search` says which moves are tried on what has spread. `shown` (K, M, 3) m is where the subject's markers were in
+    other frames, NaN where one was not: their distances are known by that.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     del tracklet  # a long take's is large
@@ -74,6 +76,8 @@ def solve_take(
     solving = _Solving(points, tracklets, named, model, rate, begun)
     if shown is not None:
         solving.objective.known = in_take(solving.objective.known, shown)
+    if occupied is not None:
+        solving.objective.length = occupied
     if rulings is None:
         return (yield from solving.solved(search))
     solving.objective.extras = rulings.extras

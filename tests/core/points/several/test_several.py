@@ -169,6 +169,13 @@ def test_people_of_two_models_who_are_as_like_one_as_the_other_cannot_be_told_ap
         labelled(take, asked)
 
 
+def test_people_who_are_there_for_a_part_of_the_take_are_named(passing):
+    take, truth = passing
+    nobody = np.full((3 * FRAMES, *take.xyz.shape[1:]), np.nan)
+    late = anonymous(np.concatenate([nobody, take.xyz]), take.rate)
+    assert right_of(labelled(late, 2), truth, late) > 0.9
+
+
 def test_who_wears_one_model_does_so_with_what_joints_the_body_has_beside_its():
     model = replace(open_model("body39"), fingerprint="")
     worn = SetsWorn((Wearer("ann", model), Wearer("bob", model))).finer
