@@ -150,6 +150,8 @@ def _read(names: Iterable[str]) -> dict[str, tuple[str, int]]:
     words = {name: _words(name) for name in names}
     last = {own[-1] for own, _ in words.values() if own}
     table = JOINT_WORDS if {"elbow", "knee"} <= last else BONE_WORDS
+    if "ankle" not in last:  # where some call that the foot
+        table = table | {part: BONE_WORDS[part] for part in ("foot", "toes")}
     parts: dict[str, list[tuple[int, str]]] = {}
     for part, known in table.items():
         for rank, word in enumerate(known.split()):

@@ -396,13 +396,16 @@ FK_CONTROLS = both_sides(
     "FK-Shoulder.* FK-UpperArm.* FK-Forearm.* FK-Wrist.* FK-Thigh.* FK-Knee.* FK-Foot.* FK-Toes.*",
     ("L", "R"),
 ) | {"between": "FK-RibCage"}
+FEET_ARE_FEET = both_sides(
+    "Pelvis Spine1 Spine3 Neck Head", "*_Clavicle *_Shoulder *_Elbow *_Hand *_Hip *_Knee *_Foot *_Toe", ("L", "R")
+) | {"between": "Spine2"}
 UPPER_LAST = both_sides(
     "root spine1 spine3 neck head", "*Clavicle *ArmUpper *ArmLower *Hand *LegUpper *LegLower *Foot *Toe", ("L", "R")
 ) | {"between": "spine2"}
 
 
 @pytest.mark.parametrize("arms", [T_POSE, A_POSE, HANGING])
-@pytest.mark.parametrize("names", [MIXAMO, UNREAL, VRM, MAYA, AVATAR, FK_CONTROLS, UPPER_LAST, NAMELESS])
+@pytest.mark.parametrize("names", [MIXAMO, UNREAL, VRM, MAYA, AVATAR, FK_CONTROLS, FEET_ARE_FEET, UPPER_LAST, NAMELESS])
 def test_bones_are_known_by_names_or_form(names, arms):
     assert match_bones(at_rest(names, arms)) == without_between(names)
 
