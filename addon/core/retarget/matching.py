@@ -178,8 +178,9 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 def match_names(bones: RestBones) -> dict[str, int]:
     """The parts that the words in the names of bones say: of several the control that moves others, or the surest name.
 
-    A volume in one is the last choice. What hangs on no arm of its side is no finger. Toes that are apart have no bone
-    for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
+    A volume in one is the last choice; where constraints hold nothing, so is what neither hangs on another part nor
+    carries one. What hangs on no arm of its side is no finger. Toes that are apart have no bone for all. Knees and
+    elbows that carry nothing are poles, if limbs are whole without.
     """
     ends = [name for at, name in enumerate(bones.names) if not bones.below(at)]
     poles = {name for name in ends if _words(name)[0][-1:] in (["knee"], ["elbow"])}
@@ -187,6 +188,7 @@ def match_names(bones: RestBones) -> dict[str, int]:
     bent = {f"{part}.{side}" for limb in LIMBS for part in limb[:2] for side in BODY_SIDES}
     if not bent <= {part for part, _ in read.values()}:
         read = _read(bones.names)
+    carrying = {one for name in read for one in bones.above(bones.names.index(name))[1:]}
     for name, (part, rank) in read.items():
         at, words = bones.names.index(name), _words(name, keep=True)[0]
         above = bones.above(at)[1:]
@@ -195,13 +197,23 @@ def match_names(bones: RestBones) -> dict[str, int]:
         if part in FINGER_PARTS and not {f"{one}{part[-2:]}" for one in LIMBS[0]} & near:
             continue
         volume = part in near and not bones.below(at)
-        found[part].append((bones.held and "fk" not in words, volume, rank, len(words), len(above), at))
+        alone = not bones.held and at not in carrying and not any(bones.names[one] in read for one in above)
+        found[part].append((bones.held and "fk" not in words, alone or volume, rank, len(words), len(above), at))
     first = {part: min(several) for part, several in found.items() if part in PARTS}
     for part in [part for part in first if part.startswith("toes")]:
-        alike = [bones.parents[one[-1]] for one in found[part] if one[:-1] == first[part][:-1]]
-        if alike.count(bones.parents[first[part][-1]]) > 1:
+        foot = first.get(f"foot.{part[-1]}", [bones.parents[first[part][-1]]])[-1]
+        if sum(one[:-1] == first[part][:-1] and foot in bones.above(one[-1]) for one in found[part]) > 1:
             del first[part]
-    return {part: one[-1] for part, one in first.items()}
+    named = {part: one[-1] for part, one in first.items()}
+    for side in BODY_SIDES:
+        shoulder, arm, thigh = (f"{part}.{side}" for part in ("shoulder", "upper_arm", "thigh"))
+        if not bones.held and {shoulder, arm} <= named.keys() and named[shoulder] not in bones.above(named[arm]):
+            del named[shoulder]
+        if thigh in named:  # what comes before goes to the side in the pelvis, and may be called likewise
+            chain = _chain(bones, named[thigh])
+            down = chain[int(np.argmax(_downwards(bones, chain)))]
+            named[thigh] = down if down in [one[-1] for one in found[thigh]] else named[thigh]
+    return named
 
 
 def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
@@ -368,11 +380,7 @@ def _pairs(bones: RestBones) -> list[tuple[int, tuple[int, int]]]:
 def _leg(bones: RestBones, first: int) -> list[int] | None:
     """Thigh, shank, foot and, where there are any, toes; the foot is the first bone that turns off the way down."""
     chain = _chain(bones, first)
-    ends = np.array([*(bones.heads[one] for one in chain[1:]), bones.tails[chain[-1]]])
-    ways = ends - bones.heads[chain]
-    downwards = ways @ _nearest_axis(bones.heads[chain[-1]] - bones.heads[first]) > HANGING * np.linalg.norm(
-        ways, axis=1
-    )
+    downwards = _downwards(bones, chain)
     hip = int(np.argmax(downwards))  # what comes before goes to the side in the pelvis
     foot = next((at for at in range(hip + 2, len(chain)) if not downwards[at]), None)
     if foot is None:
@@ -380,6 +388,13 @@ def _leg(bones: RestBones, first: int) -> list[int] | None:
     middle = (bones.heads[chain[hip]] + bones.heads[chain[foot]]) / 2
     knee = min(chain[hip + 1 : foot], key=lambda one: np.linalg.norm(bones.heads[one] - middle))
     return [chain[hip], knee, *chain[foot : foot + 2]]
+
+
+def _downwards(bones: RestBones, chain: list[int]) -> np.ndarray:
+    """(K,) whether each bone of a chain goes down, as the whole of it does."""
+    ways = np.array([*(bones.heads[one] for one in chain[1:]), bones.tails[chain[-1]]]) - bones.heads[chain]
+    axis = _nearest_axis(bones.heads[chain[-1]] - bones.heads[chain[0]])
+    return ways @ axis > HANGING * np.linalg.norm(ways, axis=1)
 
 
 def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:

@@ -574,10 +574,35 @@ def test_bones_beside_those_of_a_person_are_none_but_the_first_of_fingers(names,
     assert match_bones(at_rest(names, arms, extra=extra)) == without_between(names) | fingers
 
 
-def test_toes_that_are_apart_have_no_bone_for_all():
-    extra = [("toe2-1.L", "foot.L", (0.1, -0.1, 0)), ("ball_end_r", "toes.R", (0, -0.2, 0))]
-    found = match_bones(at_rest(UNREAL | {"toes.L": "toe1-1.L"}, extra=extra))
+METATARSALS = hanging_on("toes.L", "toe1-", (0.1, -0.1, 0)) + hanging_on(
+    "foot.L", "toe2-", (0.12, -0.05, 0), (0.12, -0.1, 0)
+)
+
+
+@pytest.mark.parametrize(
+    ("first", "extra"), [("toe1-1.L", [("toe2-1.L", "foot.L", (0.1, -0.1, 0))]), ("metatarsal1.L", METATARSALS)]
+)
+def test_toes_that_are_apart_have_no_bone_for_all(first, extra):
+    called = {"toe1-0": "toe1-1.L", "toe2-0": "metatarsal2.L", "toe2-1": "toe2-1.L"}
+    names = UNREAL | {"toes.L": first} | called
+    found = match_bones(at_rest(names, extra=[*extra, ("ball_end_r", "toes.R", (0, -0.2, 0))]))
     assert found == {part: name for part, name in without_between(UNREAL).items() if part != "toes.L"}
+
+
+def test_in_files_of_games_controls_that_are_left_are_no_head_and_no_shoulders():
+    """What hangs on nothing, and what the arm does not hang on."""
+    bones = [replace(bone, parent="chest") if bone.part.startswith("upper_arm") else bone for bone in rig_bones()]
+    bones.append(RigBone("head_", None, np.array([0, -0.5, 1.6]), np.array([0, -0.5, 1.7])))
+    own = without_between(UNREAL)
+    found = match_bones(replace(rest_of(bones, UNREAL), held=False))
+    assert found == {part: name for part, name in own.items() if not part.startswith("shoulder")}
+
+
+def test_a_bone_of_the_pelvis_that_is_called_a_thigh_is_none():
+    bones = [replace(bone, parent=f"__{bone.part}") if bone.part.startswith("thigh") else bone for bone in rig_bones()]
+    at = {bone.part: bone.head for bone in bones}
+    bones += [RigBone(f"__thigh.{side}", "hips", at["hips"], at[f"thigh.{side}"]) for side in "LR"]
+    assert match_bones(rest_of(bones, UNREAL)) == without_between(UNREAL)
 
 
 @pytest.mark.parametrize("table", CONTROLS)
