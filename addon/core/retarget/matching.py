@@ -76,6 +76,7 @@ EMPTY_WORDS |= {"proximal"}  # as the first bones of fingers are called
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
 NO_CONTROLS = "MCH-", "ORG-"  # what Rigify's bones begin with that hang on controls by constraints
 HANGING = 0.75  # physical: the cosine that hair and legs have at least, to the way down
+BENT = 0.01  # physical: of a leg's length, that its knee is at least out of line where it says which way it bends
 LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
 # paper: of the height (Winter, after Drillis and Contini); the shoulder from beside the breastbone on, as rigs have it
 ARM = {"shoulder": 0.09, "upper_arm": 0.186, "forearm": 0.146, "hand": 0.108}
@@ -265,13 +266,24 @@ def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
 
 
 def _with_sides(bones: RestBones, found: dict[str, int]) -> dict[str, int]:
-    """The same with the sides exchanged where toes are behind the feet: names then are as who looks at it sees them."""
-    ends = [[found.get(f"{part}.{side}") for side in BODY_SIDES] for part in ("thigh", "foot", "toes")]
-    if any(None in pair for pair in ends):
+    """The same with the sides exchanged where toes are behind the feet: names then are as who looks at it sees them.
+
+    Feet without toes may end anywhere; they are behind where knees bend so, too.
+    """
+    legs, toes = (
+        [[found.get(f"{part}.{side}") for side in BODY_SIDES] for part in parts] for parts in (LIMBS[1], ["toes"])
+    )
+    if any(None in pair for pair in legs):
         return found
-    thighs, feet, toes = bones.heads[np.array(ends)]
-    back = np.cross((thighs - feet).mean(axis=0), thighs[0] - thighs[1])
-    ahead = toes - feet
+    thighs, knees, feet = bones.heads[np.array(legs)]
+    way = (thighs - feet).mean(axis=0)
+    back = np.cross(way, thighs[0] - thighs[1])
+    if None not in toes[0]:
+        ahead = bones.heads[np.array(toes[0])] - feet
+    elif ((2 * knees - thighs - feet) @ back > 2 * BENT * np.linalg.norm(way) * np.linalg.norm(back)).all():
+        ahead = bones.tails[np.array(legs[2])] - feet
+    else:
+        return found
     if not (ahead @ back > np.linalg.norm(ahead, axis=1) * np.linalg.norm(back) / 2).all():  # not down from the ankle
         return found
     other = dict(zip(BODY_SIDES, BODY_SIDES[::-1], strict=True))

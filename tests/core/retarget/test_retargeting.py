@@ -436,10 +436,21 @@ def test_left_is_told_by_the_feet_where_names_say_nothing():
         assert match_bones(at_rest(NAMELESS, turn=turn)) == without_between(NAMELESS)
 
 
-def test_sides_that_are_named_as_who_looks_at_a_rig_sees_them_are_exchanged():
+@pytest.mark.parametrize("gone", ["none", "toes"])
+def test_sides_that_are_named_as_who_looks_at_a_rig_sees_them_are_exchanged(gone):
     own, mirrored = without_between(UNREAL), np.diag([-1.0, 1, 1])
     other = {part: own[f"{part[:-1]}{'LR'[part[-1] == 'L']}" if "." in part else part] for part in own}
-    assert match_bones(at_rest(UNREAL, turn=mirrored)) == other
+    bones = rest_of([bone for bone in rig_bones() if not bone.part.startswith(gone)], UNREAL)
+    turned = replace(bones, heads=bones.heads @ mirrored, tails=bones.tails @ mirrored)
+    assert match_bones(turned) == {part: name for part, name in other.items() if not part.startswith(gone)}
+
+
+def test_sides_are_as_they_are_named_where_feet_without_toes_end_behind_but_knees_do_not():
+    bones = [bone for bone in rig_bones() if not bone.part.startswith("toes")]
+    for at, bone in enumerate(bones):
+        if bone.part.startswith("foot"):
+            bones[at] = replace(bone, tail=bone.head + (0, 0.1, 0))
+    assert match_bones(rest_of(bones, UNREAL)).items() <= without_between(UNREAL).items()
 
 
 def test_sides_of_feet_that_point_down_are_as_they_are_named():
