@@ -433,11 +433,18 @@ def _posed_between(rig: bpy.types.Object, names: Sequence[str], mover: bpy.types
 
 
 def _end(bone: bpy.types.Bone, part: str) -> Vector:
-    """Where a bone ends in its own axes; a foot whose toes are apart where they begin."""
-    end, toes = Vector((0, bone.length, 0)), bone.children
+    """Where a bone ends in its own axes; a foot whose toes are apart where they begin, toes where bones after them do.
+
+    Importers lay bones anywhere.
+    """
+    end, toes, own = Vector((0, bone.length, 0)), bone.children, bone.matrix_local.inverted()
     if part.startswith("foot") and len(toes) > 1:
-        begin = bone.matrix_local.inverted() @ (sum((toe.head_local for toe in toes), Vector()) / len(toes))
+        begin = own @ (sum((toe.head_local for toe in toes), Vector()) / len(toes))
         end = max(end, begin, key=lambda place: place.length)
+    if part.startswith("toes") and bone.parent is not None:
+        ahead = own.to_3x3() @ (bone.head_local - bone.parent.head_local)
+        tip = max((own @ one.head_local for one in bone.children_recursive), key=ahead.dot, default=end)
+        end = tip if ahead.dot(tip) > 0 else end
     return end
 
 

@@ -250,6 +250,21 @@ def test_toes_that_are_apart_say_where_a_foot_ends():
     np.testing.assert_allclose(rest.tails[rest.at["foot.L"]], ball, atol=1e-5)
 
 
+def test_toes_end_where_a_bone_at_their_end_begins_however_an_importer_lays_them():
+    rig, tip = add_rig(rig_bones(), UNREAL), (0.14, -0.22, 0.02)
+    with bones_of(rig) as own:
+        toes = own[UNREAL["toes.L"]]
+        toes.tail = toes.head + Vector((0, 0.01, 0.2))
+        for name, place in (("heel", (0.1, 0.3, 0.0)), ("end", tip)):
+            bone = own.new(name)
+            bone.head, bone.tail, bone.parent = place, (0, 0, 0.3), toes
+    bones = [(part, name) for part, name in UNREAL.items() if part != "between"]
+    rest = ReadyRig.of(rig, bones, np.eye(4)).rest
+    np.testing.assert_allclose(
+        rest.tails[[rest.at["toes.L"], rest.at["toes.R"]]], [tip, (-0.13, -0.2, 0.02)], atol=1e-5
+    )
+
+
 def test_the_guide_s_script_moves_a_rig_without_a_window(shown, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rig = mixamo()

@@ -206,8 +206,8 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
             aligned[index] = least_turn(carried @ way, -SKYWARDS) @ carried
         elif name in ("upper_arm", "forearm", "hand"):
             out = np.array([1.0 if side == BODY_SIDES[0] else -1.0, 0, 0])
-            bent = np.arccos((carried @ way) @ out / np.linalg.norm(way))
-            aligned[index] = carried if name == "hand" and bent > STRAIGHT else least_turn(carried @ way, out) @ carried
+            bent = (carried @ way) @ out < np.cos(STRAIGHT) * np.linalg.norm(way)
+            aligned[index] = carried if name == "hand" and bent else least_turn(carried @ way, out) @ carried
         elif name == "foot":  # it stands on its sole, whichever way it points in there
             ball = _ball(rig, side) - rig.heads[index]
             own = body.rest(f"toes.{side}") - body.rest(f"foot.{side}")
@@ -230,14 +230,13 @@ def _with_feet(rig: Rig, body: BodyInMotion) -> Rig:
     """
     tails, scale = rig.tails.copy(), _fitted(rig, body)[0]
     for side in rig.legs:
-        foot = rig.heads[rig.at[f"foot.{side}"]]
         last = next(part for part in (f"toes.{side}", f"foot.{side}") if part in rig.at)
         own = scale * (body.character.tails[body.at[last]] - body.rest(last))
         way = tails[rig.at[last]] - rig.heads[rig.at[last]]
         far, size = np.linalg.norm(way), np.linalg.norm(own)
         least, most = size / OTHER_SIZE, size * OTHER_SIZE
         if last.startswith("toes"):
-            least, most = 0.0, np.linalg.norm(foot - rig.heads[rig.at[f"shank.{side}"]])
+            least, most = 0.0, OTHER_SIZE * np.linalg.norm(_ball(rig, side) - rig.heads[rig.at[f"foot.{side}"]])
         if not (far / 2 < -way[1] and least < far < most):
             tails[rig.at[last]] = rig.heads[rig.at[last]] + own
     return replace(rig, tails=tails)

@@ -199,7 +199,7 @@ def on_tiptoe(squats, most=0.9, frames=15):
 
 def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_the_body_s(squats):
     character, (still, turns) = on_tiptoe(squats)
-    at, one = segment_of(character), rig(size=1.15)
+    one = rig(size=1.15)
     found = retarget(character, (still, turns), RATE, one, feet=True, hands=False)
     feet, toes = (both(one.at, part) for part in ("foot", "toes"))
     balls = places(one, *found)[:, toes]
@@ -207,12 +207,21 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     tips = balls[..., 2] + np.einsum("fsij,sj->fsi", found[0][:, toes], one.tails[toes] - one.heads[toes])[..., 2]
     np.testing.assert_allclose(tips, one.tails[toes, 2] * np.ones((120, 1)), atol=0.006)
     np.testing.assert_allclose(found[0][:40, toes], found[0][:40, feet], atol=0.02)
-    # Longer toes than the body's, straight again when the ball has left the floor, are still not in it.
+
+
+@pytest.mark.parametrize(("thigh", "long"), [(0.5, 0.09), (0.8, 0.25)])  # of a drawn figure, than its shank
+def test_longer_toes_than_the_body_s_are_not_in_the_floor_though_straight_when_the_ball_has_left_it(
+    squats, thigh, long
+):
+    character, (still, turns) = on_tiptoe(squats)
+    at, one = segment_of(character), rig(size=1.15, thigh=thigh)
+    toes = one.at["toes.L"]
+    one.tails[toes] = one.heads[toes] - (0, long, 0)
     left = still + 0.08 * np.clip((np.arange(120) - 70) / 15, 0, 1)[:, None, None] * [0, 0, 1]
     turns[70:, at["toes.L"]] = turns[70:, at["foot.L"]]
     moved, hips = retarget(character, (left, turns), RATE, one, feet=True, hands=False)
-    tip = places(one, moved, hips)[:, toes[0]] + moved[:, toes[0]] @ (one.tails - one.heads)[toes[0]]
-    assert tip[:, 2].min() > one.tails[toes[0], 2] - 0.004
+    tip = places(one, moved, hips)[:, toes] + moved[:, toes] @ (one.tails - one.heads)[toes]
+    assert tip[:, 2].min() > one.tails[toes, 2] - 0.004
 
 
 @pytest.mark.parametrize("way", [(0, -0.08, 0), (0, -0.02, -0.06), (0, 0.05, -0.08)])  # long, high and steep feet
@@ -335,6 +344,17 @@ def test_a_rig_stands_whose_head_is_over_its_hips_over_its_knees():
     assert not stands(places | {"shank.R": places["thigh.R"] + [0.1, 0, 0.4]})
 
 
+def test_arms_that_are_all_straight_at_rest_warn_of_no_angle(squats):
+    """As those of files are, whichever way they hang."""
+    for angle in np.radians([3, 27, 75]):
+        one, way = rig(), np.array([np.cos(angle), 0, -np.sin(angle)])
+        for number, part in enumerate(("upper_arm.L", "forearm.L", "hand.L")):
+            one.heads[one.at[part]] = one.heads[one.at["upper_arm.L"]] + 0.27 * number * way
+            one.tails[one.at[part]] = one.heads[one.at[part]] + 0.1 * way
+        with np.errstate(invalid="raise"):
+            retarget(*squats, RATE, one, feet=False, hands=False)
+
+
 def test_hands_go_where_the_body_s_are_in_a_larger_room(squats):
     character, (joints, rotations) = squats
     one = rig(HANGING, size=1.3)
@@ -449,7 +469,7 @@ def test_sides_are_as_they_are_named_where_feet_without_toes_end_behind_but_knee
     bones = [bone for bone in rig_bones() if not bone.part.startswith("toes")]
     for at, bone in enumerate(bones):
         if bone.part.startswith("foot"):
-            bones[at] = replace(bone, tail=bone.head + (0, 0.1, 0))
+            bones[at] = replace(bone, tail=np.add(bone.head, (0, 0.1, 0)))
     assert match_bones(rest_of(bones, UNREAL)).items() <= without_between(UNREAL).items()
 
 
