@@ -56,7 +56,7 @@ BONE_WORDS = {
     "thigh": "thigh upleg upperleg thighbend femur 足",
     "shank": "shin calf lowerleg lowleg loleg leg shank knee tibia ひざ",
     "foot": "foot ankle talus 足首",
-    "toes": "toe toes toebase ball forefoot つま先",
+    "toes": "toe toes toebase ball つま先",
 } | FINGER_WORDS
 JOINT_WORDS = BONE_WORDS | {
     "hips": "hips pelvis",
@@ -67,12 +67,12 @@ JOINT_WORDS = BONE_WORDS | {
     "thigh": "leg hip",
     "shank": "knee",
     "foot": "ankle",
-    "toes": "toe toes ball forefoot foot",
+    "toes": "toe toes ball foot",
 }
 SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R", "左": "L", "右": "R"}
 # Words that say nothing of which part it is, and those of bones that help others.
 EMPTY_WORDS = {"base", "bone", "jnt", "joint", "bind", "skin", "stretch", "ctrl", "fk", "def", "org", "c", "x", "m"}
-EMPTY_WORDS |= {"proximal"}  # as the first bones of fingers are called
+EMPTY_WORDS |= {"proximal"}  # Unity's, of the first bone of a finger
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
 NO_CONTROLS = "MCH-", "ORG-"  # what Rigify's bones begin with that hang on controls by constraints
 HANGING = 0.75  # physical: the cosine that hair and legs have at least, to the way down
@@ -154,16 +154,15 @@ def _read(names: Iterable[str]) -> dict[str, tuple[str, int]]:
     table = JOINT_WORDS if {"elbow", "knee"} <= last else BONE_WORDS
     if "ankle" not in last:  # where some call that the foot
         table = table | {part: BONE_WORDS[part] for part in ("foot", "toes")}
-    parts: dict[str, list[tuple[bool, int, str]]] = {}
+    parts: dict[str, list[tuple[int, str]]] = {}
     for part, known in table.items():
         for rank, word in enumerate(known.split()):
             for name, (own, side) in words.items():
                 # The longest of the last words that is known: "fore arm" is no arm.
                 last_two = "".join(own[-2:]), "".join(own[:-3:-1])
                 if word in (*last_two, *own[-1:]) and (bool(side) or part in ("hips", "neck", "head")):
-                    said = word not in last_two, rank, f"{part}.{side}" if side else part
-                    parts.setdefault(name, []).append(said)
-    return {name: (part, rank) for name, (_, rank, part) in ((name, min(found)) for name, found in parts.items())}
+                    parts.setdefault(name, []).append((rank, f"{part}.{side}" if side else part))
+    return {name: (part, rank) for name, (rank, part) in ((name, min(found)) for name, found in parts.items())}
 
 
 def match_map(moved: Mapping[str, str]) -> dict[str, str]:

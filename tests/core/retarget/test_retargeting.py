@@ -686,7 +686,6 @@ def test_what_is_no_person_matches_nothing(names):
         ("LeftHandThumb1", "thumb.L"),
         ("lMid1", "middle.L"),
         ("l_toebase_JNT", "toes.L"),
-        ("LeftForeFoot", "toes.L"),
         ("LeftIndexProximal", "index.L"),
         ("little_proximal.R", "pinky.R"),
         ("LeftIndexDistal", None),
