@@ -25,7 +25,8 @@ NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "f
 STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a bone that says not where it points
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
 OTHER_SIZE = 2.0  # physical: so many times as long, or as short, are no two people's feet, drawn ones neither
-FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
+FLOOR_NEAR = 0.1  # physical: of both legs' length, that a rig's lowest bone may be below the floor, at its origin
+ANKLE_HIGH = 0.25  # physical: of both legs' length, that it may be over that: no ankle is higher than a shank is long
 Posed = tuple[np.ndarray, np.ndarray]  # how bones turn (F, C, 3, 3) from their rest, and where the hips begin (F, 3) m
 Plants = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of each side, as `Footing` has them
 Pits = Mapping[str, np.ndarray]
@@ -294,7 +295,7 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     scale, low = float(lengths[0] / lengths[1]), float(rig.heads[:, 2].min())
     # Rigs stand on their origin; one whose origin is elsewhere stands as far below its lowest joint as the body.
     under = low - scale * min(body.rest(part)[2] for part in rig.parts if part in body.at)
-    floor = under if abs(under) > FLOOR_NEAR * lengths[0] else 0.0
+    floor = 0.0 if -FLOOR_NEAR < under / lengths[0] < ANKLE_HIGH else under
     lifts = [
         rig.heads[rig.at[part], 2] - floor - scale * body.rest(part)[2] for part in map("foot.{}".format, rig.legs)
     ]

@@ -337,6 +337,14 @@ def test_a_rig_without_toes_whose_origin_is_elsewhere_stands_on_its_soles_not_it
     np.testing.assert_allclose(*found, atol=0.04)
 
 
+def test_a_rig_without_toes_whose_ankles_are_high_stands_on_its_origin(squats):
+    one, high = without_toes(rig())[0], 0.25
+    for end in (one.heads, one.tails):
+        end += (0, 0, high)
+    ankles = places(one, *retarget(*squats, RATE, one, feet=True, hands=False))[:, both(one.at, "foot"), 2]
+    np.testing.assert_allclose(ankles, 0.09 + high, atol=0.012)
+
+
 def test_a_rig_stands_whose_head_is_over_its_hips_over_its_knees():
     places = dict(zip(rig(HANGING).parts, rig(HANGING).heads, strict=True))
     assert stands(places)
