@@ -414,10 +414,10 @@ def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
     None where one has too few; where a shoulder alone is missing, the others.
     """
     half = float(np.linalg.norm(bones.heads[firsts[0]] - bones.heads[firsts[1]])) / 2
-    long = ARM["shoulder"] / sum(ARM.values()) * bones.reaches[firsts[0]]
-    people = np.log(list(ARM.values()))[0 if half < long else 1 :]
     chains = sorted((_chain(bones, first) for first in firsts), key=lambda chain: bones.reaches[chain[0]])
     chain = chains[0]  # the other hand may hold something
+    long = ARM["shoulder"] / sum(ARM.values()) * bones.reaches[chain[0]]
+    people = np.log(list(ARM.values()))[0 if half < long else 1 :]
     places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
     found, wanted = {}, people[-max(len(chain), len(ARM) - 1) :]

@@ -618,6 +618,18 @@ METATARSALS = hanging_on("toes.L", "toe1-", (0.1, -0.1, 0)) + hanging_on(
 )
 
 
+@pytest.mark.parametrize("side", ["L", "R"])
+def test_arms_without_shoulders_have_none_though_a_hand_holds_something_long(side):
+    bones = [replace(bone, parent="chest") if bone.part.startswith("upper_arm") else bone for bone in rig_bones(A_POSE)]
+    bones = [bone for bone in bones if not bone.part.startswith("shoulder")]
+    for hand in [bone for bone in bones if bone.part.startswith("hand")]:
+        bones.append(RigBone(f"finger {hand.part}", hand.part, hand.tail, 2 * hand.tail - hand.head))
+        if hand.part[-1] == side:
+            bones.append(RigBone("sword", hand.part, hand.tail, hand.tail - (0, 1.2, 0)))
+    own = {part: name for part, name in without_between(NAMELESS).items() if not part.startswith("shoulder")}
+    assert match_bones(rest_of(bones, NAMELESS)) == own
+
+
 @pytest.mark.parametrize(
     ("first", "extra"), [("toe1-1.L", [("toe2-1.L", "foot.L", (0.1, -0.1, 0))]), ("metatarsal1.L", METATARSALS)]
 )
