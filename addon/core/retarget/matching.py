@@ -21,7 +21,13 @@ PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
 # What the last words of the first bone of a finger are.
-FINGER_WORDS = {"thumb": "thumb", "index": "index", "middle": "middle mid", "ring": "ring", "pinky": "pinky little"}
+FINGER_WORDS = {
+    "thumb": "thumb 親指",
+    "index": "index fore 人指",
+    "middle": "middle mid 中指",
+    "ring": "ring third 薬指",
+    "pinky": "pinky little 小指",
+}
 FINGER_PARTS = tuple(part for part in PARTS if part.partition(".")[0] in FINGER_WORDS)
 RIGIFY_LIMBS = "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*", ("L", "R")
 # The controls of rigs that follow them by constraints, whose form says nothing: Rigify's, Auto-Rig Pro's and BlenRig's,

@@ -710,6 +710,8 @@ def test_what_is_no_person_matches_nothing(names):
         ("little_proximal.R", "pinky.R"),
         ("LeftIndexDistal", None),
         ("左足首", "foot.L"),
+        ("左人指１", "index.L"),
+        ("third1_R", "ring.R"),
         ("ひじ.R", "forearm.R"),
         ("右足ＩＫ", None),
         ("左肩P", None),
