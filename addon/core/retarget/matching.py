@@ -30,8 +30,8 @@ FINGER_WORDS = {
 }
 FINGER_PARTS = tuple(part for part in PARTS if part.partition(".")[0] in FINGER_WORDS)
 RIGIFY_LIMBS = "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*", ("L", "R")
-# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's, Auto-Rig Pro's and BlenRig's,
-# with FK; Rigify's spine may have another number of bones, or no controls by FK, and BlenRig's shoulders breathe.
+# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's, Auto-Rig Pro's, Mixamo's and
+# BlenRig's, by FK; Rigify's spine may have another number of bones, or no controls so, and BlenRig's shoulders breathe.
 CONTROLS = (
     both_sides("torso spine_fk.002 spine_fk.003 neck head", *RIGIFY_LIMBS),
     both_sides("torso - chest neck head", *RIGIFY_LIMBS),
@@ -39,6 +39,12 @@ CONTROLS = (
         "c_root_master.x c_spine_01.x c_spine_02.x c_neck.x c_head.x",
         "c_shoulder.* c_arm_fk.* c_forearm_fk.* c_hand_fk.* c_thigh_fk.* c_leg_fk.* c_foot_fk.* c_toes_fk.*",
         ("l", "r"),
+    ),
+    both_sides(
+        "Ctrl_Hips Ctrl_Spine Ctrl_Spine2 Ctrl_Neck Ctrl_Head",
+        "Ctrl_Shoulder_* Ctrl_Arm_FK_* Ctrl_ForeArm_FK_* Ctrl_Hand_FK_* "
+        "Ctrl_UpLeg_FK_* Ctrl_Leg_FK_* Ctrl_Foot_FK_* Ctrl_Toe_FK_*",
+        ("Left", "Right"),
     ),
     both_sides(
         "master_torso spine_1_fk spine_3_fk neck_1_fk head_fk",

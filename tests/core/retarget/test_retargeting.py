@@ -664,6 +664,17 @@ def test_control_rigs_are_known_by_their_controls(table):
     assert found == {part: name for part, name in table.items() if name != "-"}
 
 
+def test_of_mixamo_s_control_rig_the_controls_are_moved_not_the_bones_that_follow_them():
+    names = (*MIXAMO.values(), *CONTROLS[3].values(), "Foot_FK_Left", "Ctrl_Hand_IK_Left")
+    far = np.zeros((len(names), 3))
+    found = match_bones(RestBones(names, np.full(len(names), -1), far, far))
+    assert (found["hips"], found["thigh.L"], found["foot.L"]) == (
+        "Ctrl_Hips",
+        "Ctrl_UpLeg_FK_Left",
+        "Ctrl_Foot_FK_Left",
+    )
+
+
 def test_in_files_of_games_what_deforms_is_moved_not_controls_that_move_nothing():
     extra = [("thigh_fk_l", "hips", (0.1, 0, 0.94)), ("lowerarm_fk_l", "chest", (0.48, 0, 1.45))]
     rig = at_rest(UNREAL, extra=extra)
