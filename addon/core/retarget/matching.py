@@ -253,20 +253,23 @@ def _lacking(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
 
 
 def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
-    """The same with the trunk: hips where legs and trunk meet, chest where arms do, spine and neck at their ends."""
+    """The same with the trunk: hips where legs and trunk meet, chest where arms do, spine and neck at their ends.
+
+    Hips that are called so may carry what they meet at, as of a Biped the first bone of the spine.
+    """
     found = dict(found)
     legs = [found[f"thigh.{side}"] for side in BODY_SIDES if f"thigh.{side}" in found]
     arms = [found[part] for side in BODY_SIDES for part in (f"shoulder.{side}", f"upper_arm.{side}") if part in found]
     hips = _meeting(bones, [*legs, *arms] or [-1])
-    if hips is not None and len(legs) > 1:
+    if hips is not None and len(legs) > 1 and found.get("hips") not in bones.above(hips):
         found["hips"] = hips
     chest = _meeting(bones, arms) if len(arms) > 1 else None
     if chest is not None and chest == found.get("neck"):  # on which some rigs hang the arms
         chest = int(bones.parents[chest])
     if chest is None or "hips" not in found:
         return found
-    between = bones.above(chest)
-    between = between[: between.index(found["hips"])] if found["hips"] in between else []
+    between, low = bones.above(chest), found["hips"] if hips is None else hips
+    between = between[: between.index(low)] if low in between else []
     if between:
         found |= {"chest": chest} | ({"spine": between[-1]} if len(between) > 1 else {})
     for side in BODY_SIDES:  # a shoulder whose name says nothing

@@ -649,6 +649,15 @@ def test_in_files_of_games_controls_that_are_left_are_no_head_and_no_shoulders()
     assert found == {part: name for part, name in own.items() if not part.startswith("shoulder")}
 
 
+def test_a_biped_s_pelvis_is_its_hips_though_legs_hang_on_its_spine():
+    bones = [replace(bone, parent="low") if bone.parent == "hips" else bone for bone in rig_bones()]
+    hips = bones[0]
+    bones.append(RigBone("low", "hips", hips.tail, np.add(hips.tail, (0, 0, 0.05))))
+    assert match_bones(rest_of(bones, UNREAL)) == without_between(UNREAL)
+    with_low = without_between(NAMELESS) | {"hips": "low"}
+    assert match_bones(rest_of(bones, NAMELESS)) == with_low, "which names alone say"
+
+
 def test_a_bone_of_the_pelvis_that_is_called_a_thigh_is_none():
     bones = [replace(bone, parent=f"__{bone.part}") if bone.part.startswith("thigh") else bone for bone in rig_bones()]
     at = {bone.part: bone.head for bone in bones}
