@@ -975,6 +975,21 @@ def test_what_is_posed_between_bones_of_a_leg_is_put_at_rest(shown):
     assert ways_off(shown, rig, UNREAL).max() < MOST_OFF
 
 
+def test_what_the_former_action_keys_above_the_hips_is_put_at_rest_but_not_what_a_person_posed(shown):
+    heads = {}
+    for how in ("still", "posed", "keyed"):
+        rig = unreal()
+        with bones_of(rig) as bones:
+            bones.new("root").tail = 0, 0, 0.1
+            bones[UNREAL["hips"]].parent = bones["root"]
+        rig.pose.bones["root"].location.y = 0.0 if how == "still" else -0.08
+        if how == "keyed":
+            rig.pose.bones["root"].keyframe_insert("location", frame=1)
+        retargeted(rig, feet=True)
+        heads[how] = rig.pose.bones[UNREAL["hips"]].head.copy()
+    assert (heads["keyed"] - heads["still"]).length < 1e-4 < 0.01 < (heads["posed"] - heads["still"]).length
+
+
 def test_what_is_posed_above_hips_but_not_above_legs_is_put_at_rest(shown):
     rigs, names = [unreal(), unreal()], [UNREAL[part] for part in ("hips", "foot.L", "head")]
     for rig in rigs:
