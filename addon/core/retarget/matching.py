@@ -136,7 +136,8 @@ class RestBones:
 
 def match_bones(bones: RestBones) -> dict[str, str]:
     """The bone of a rig for each part of a body that it has one for; none where it is no person's."""
-    deforming = {part: name for part, name in DEFORMING.items() if name in bones.names}
+    called = {re.sub(r"_\d+$", "", name): name for name in bones.names} | {name: name for name in bones.names}
+    deforming = {part: called[name] for part, name in DEFORMING.items() if name in called}  # Sketchfab adds numbers
     if not bones.held and set(NEEDED_PARTS) <= deforming.keys():
         return deforming
     for table in CONTROLS if bones.held else ():

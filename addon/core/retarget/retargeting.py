@@ -85,11 +85,16 @@ def axes_at_rest(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def stands(places: Mapping[str, np.ndarray]) -> bool:
-    """Whether a rig stands at rest, by where parts begin (3,) in the axes of a character; some files' have no pose."""
+    """Whether a rig stands at rest, by where parts begin (3,) in the axes of a character; some files' have no pose.
+
+    Or have bones of another size: legs so far apart, for what they are long, that feet could not meet.
+    """
     over = [("hips", part) for part in ("chest", "neck", "head") if part in places]
     over += [(f"shank.{side}", f"thigh.{side}") for side in BODY_SIDES]
     ways = np.array([places[high] - places[low] for low, high in over])
-    return bool((2 * ways[:, 2] > np.linalg.norm(ways, axis=1)).all())
+    lengths = np.linalg.norm(ways, axis=1)
+    together = np.linalg.norm(places["thigh.L"] - places["thigh.R"]) < 2 * lengths[-2:].sum()
+    return bool(together and (2 * ways[:, 2] > lengths).all())
 
 
 def retarget(

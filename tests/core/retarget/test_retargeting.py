@@ -350,6 +350,12 @@ def test_a_rig_stands_whose_head_is_over_its_hips_over_its_knees():
     assert stands(places)
     assert not stands({part: place[[2, 1, 0]] for part, place in places.items()})
     assert not stands(places | {"shank.R": places["thigh.R"] + [0.1, 0, 0.4]})
+    apart = {
+        part: places[part] + [5 if part.endswith("L") else -5, 0, 0]
+        for part in places
+        if part[:5] in ("thigh", "shank")
+    }
+    assert not stands(places | apart), "its bones are of another size than its places"
 
 
 def test_arms_that_are_all_straight_at_rest_warn_of_no_angle(squats):
@@ -689,10 +695,11 @@ def test_in_files_of_games_what_deforms_is_moved_not_controls_that_move_nothing(
     rig = at_rest(UNREAL, extra=extra)
     assert match_bones(rig)["thigh.L"] == "thigh_fk_l"
     assert match_bones(replace(rig, held=False)) == without_between(UNREAL)
-    there = {part: name for part, name in DEFORMING.items() if not part.startswith("toes")}
-    names = (*there.values(), *CONTROLS[0].values())
-    far = np.zeros((len(names), 3))
-    assert match_bones(RestBones(names, np.full(len(names), -1), far, far, held=False)) == there
+    for number in ("", "_012"):  # as Sketchfab adds
+        there = {part: name + number for part, name in DEFORMING.items() if not part.startswith("toes")}
+        names = (*there.values(), *CONTROLS[0].values())
+        far = np.zeros((len(names), 3))
+        assert match_bones(RestBones(names, np.full(len(names), -1), far, far, held=False)) == there
 
 
 def test_bones_that_hang_on_controls_are_none_of_a_person_s():
