@@ -89,6 +89,7 @@ HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch"
 NO_CONTROLS = "MCH-", "ORG-"  # what Rigify's bones begin with that hang on controls by constraints
 HANGING = 0.75  # physical: the cosine that hair and legs have at least, to the way down
 BENT = 0.01  # physical: of a leg's length, that its knee is at least out of line where it says which way it bends
+IN_LINE = 0.866  # physical: the cosine to the shank, 30°, that feet never have and what twists it has
 LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
 # paper: of the height (Winter, after Drillis and Contini); the shoulder from beside the breastbone on, as rigs have it
 ARM = {"shoulder": 0.09, "upper_arm": 0.186, "forearm": 0.146, "hand": 0.108}
@@ -405,11 +406,20 @@ def _pairs(bones: RestBones) -> list[tuple[int, tuple[int, int]]]:
 
 
 def _leg(bones: RestBones, first: int) -> list[int] | None:
-    """Thigh, shank, foot and, where there are any, toes; the foot is the first bone that turns off the way down."""
+    """Thigh, shank, foot and, where there are any, toes; the foot is the first bone that turns off the way down.
+
+    Or off the shank, where it is short: a steep one.
+    """
     chain = _chain(bones, first)
-    downwards = _downwards(bones, chain)
+    downwards, ways = _downwards(bones, chain), np.diff(bones.heads[chain], axis=0)
+    lengths = np.linalg.norm(ways, axis=1)
     hip = int(np.argmax(downwards))  # what comes before goes to the side in the pelvis
-    foot = next((at for at in range(hip + 2, len(chain)) if not downwards[at]), None)
+
+    def is_steep(at: int) -> bool:
+        short = at < len(ways) and 2 * lengths[at] < lengths[at - 1]
+        return short and bool(ways[at] @ ways[at - 1] < IN_LINE * lengths[at] * lengths[at - 1])
+
+    foot = next((at for at in range(hip + 2, len(chain)) if not downwards[at] or is_steep(at)), None)
     if foot is None:
         return None
     middle = (bones.heads[chain[hip]] + bones.heads[chain[foot]]) / 2

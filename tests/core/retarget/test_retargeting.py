@@ -464,6 +464,16 @@ def test_limbs_of_two_bones_each_and_hips_that_part_are_known_by_form():
     assert len(found) == len(NAMELESS) - 1
 
 
+def test_a_steep_foot_without_a_name_is_known_by_its_length():
+    """As of a drawn figure, or on a high heel: the toes begin under the ankle, a little ahead."""
+    bones = at_rest(NAMELESS)
+    heads, tails = bones.heads.copy(), bones.tails.copy()
+    for side in "LR":
+        foot, toes = (bones.names.index(NAMELESS[f"{part}.{side}"]) for part in ("foot", "toes"))
+        heads[toes] = tails[foot] = heads[foot] + (0, -0.04, -0.07)
+    assert match_bones(replace(bones, heads=heads, tails=tails)) == without_between(NAMELESS)
+
+
 def test_left_is_told_by_the_feet_where_names_say_nothing():
     """In any axes: y up, and a rig that looks the other way."""
     for turn in (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.diag([-1.0, -1, 1])):
