@@ -430,9 +430,7 @@ FK_CONTROLS = both_sides(
     "FK-Shoulder.* FK-UpperArm.* FK-Forearm.* FK-Wrist.* FK-Thigh.* FK-Knee.* FK-Foot.* FK-Toes.*",
     ("L", "R"),
 ) | {"between": "FK-RibCage"}
-FEET_ARE_FEET = both_sides(
-    "Pelvis Spine1 Spine3 Neck Head", "*_Clavicle *_Shoulder *_Elbow *_Hand *_Hip *_Knee *_Foot *_Toe", ("L", "R")
-) | {"between": "Spine2"}
+FEET_ARE_FEET = MAYA | {f"{part}.{side}": f"{side}_{part.title()[:4]}" for part in ("foot", "toes") for side in "LR"}
 UPPER_LAST = both_sides(
     "root spine1 spine3 neck head", "*Clavicle *ArmUpper *ArmLower *Hand *LegUpper *LegLower *Foot *Toe", ("L", "R")
 ) | {"between": "spine2"}
