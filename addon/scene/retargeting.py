@@ -320,7 +320,7 @@ class ReadyRig:
         movers, count = [mover.name, *(name for name, _ in found)], len(names)
         resting = [one for one in KEPT_AT_REST if "torso" in names and one not in names and one in rig.pose.bones]
         resting += [mover.name] * (mover.name not in names)
-        resting += [one for one in _posed_between(rig, names, mover) if one not in resting]
+        resting += [one for one in _posed_above(rig, names, mover) if one not in resting]
         modes = {name: rig.pose.bones[name].rotation_mode for name in (*names, *movers, *resting)}
         before = KeptPose.of(rig, list(modes), names)
         before.switch(rig)
@@ -422,22 +422,31 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     return found
 
 
-def _posed_between(rig: bpy.types.Object, names: Sequence[str], mover: bpy.types.Bone) -> list[str]:
+def _posed_above(rig: bpy.types.Object, names: Sequence[str], mover: bpy.types.Bone) -> list[str]:
     """The bones that are posed and carry some of these, but not all: as files come in, which makes legs longer.
 
-    What carries all is where a person put the rig.
+    What carries all is where a person put the rig, but not where its action, whose place another takes, has keys.
     """
-    above = [{bone.name for bone in rig.data.bones[name].parent_recursive} for name in names]
-    some = set.union(*above) - set.intersection(*above) - {*names, mover.name}
-    return sorted(name for name in some if rig.pose.bones[name].matrix_basis != Matrix())
+    above = [set(rig.data.bones[name].parent_recursive) for name in names]
+    keyed = {curve.data_path.rpartition(".")[0] for curve in curves_of(rig)}
+    put = {bone for bone in set.intersection(*above) if bone_path(bone.name, "")[:-1] not in keyed}
+    found = {bone.name for bone in set.union(*above) - put} - {*names, mover.name}
+    return sorted(name for name in found if rig.pose.bones[name].matrix_basis != Matrix())
 
 
 def _end(bone: bpy.types.Bone, part: str) -> Vector:
-    """Where a bone ends in its own axes; a foot whose toes are apart where they begin."""
-    end, toes = Vector((0, bone.length, 0)), bone.children
+    """Where a bone ends in its own axes; a foot whose toes are apart where they begin, toes where bones after them do.
+
+    Importers lay bones anywhere.
+    """
+    end, toes, own = Vector((0, bone.length, 0)), bone.children, bone.matrix_local.inverted()
     if part.startswith("foot") and len(toes) > 1:
-        begin = bone.matrix_local.inverted() @ (sum((toe.head_local for toe in toes), Vector()) / len(toes))
+        begin = own @ (sum((toe.head_local for toe in toes), Vector()) / len(toes))
         end = max(end, begin, key=lambda place: place.length)
+    if part.startswith("toes") and bone.parent is not None:
+        ahead = own.to_3x3() @ (bone.head_local - bone.parent.head_local)
+        tip = max((own @ one.head_local for one in bone.children_recursive), key=ahead.dot, default=end)
+        end = tip if ahead.dot(tip) > 0 else end
     return end
 
 

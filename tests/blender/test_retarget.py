@@ -250,6 +250,21 @@ def test_toes_that_are_apart_say_where_a_foot_ends():
     np.testing.assert_allclose(rest.tails[rest.at["foot.L"]], ball, atol=1e-5)
 
 
+def test_toes_end_where_a_bone_at_their_end_begins_however_an_importer_lays_them():
+    rig, tip = add_rig(rig_bones(), UNREAL), (0.14, -0.22, 0.02)
+    with bones_of(rig) as own:
+        toes = own[UNREAL["toes.L"]]
+        toes.tail = toes.head + Vector((0, 0.01, 0.2))
+        for name, place in (("heel", (0.1, 0.3, 0.0)), ("end", tip)):
+            bone = own.new(name)
+            bone.head, bone.tail, bone.parent = place, (0, 0, 0.3), toes
+    bones = [(part, name) for part, name in UNREAL.items() if part != "between"]
+    rest = ReadyRig.of(rig, bones, np.eye(4)).rest
+    np.testing.assert_allclose(
+        rest.tails[[rest.at["toes.L"], rest.at["toes.R"]]], [tip, (-0.13, -0.2, 0.02)], atol=1e-5
+    )
+
+
 def test_the_guide_s_script_moves_a_rig_without_a_window(shown, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rig = mixamo()
@@ -958,6 +973,21 @@ def test_what_is_posed_between_bones_of_a_leg_is_put_at_rest(shown):
     retargeted(rig)
     assert rig.pose.bones["between"].matrix_basis == Matrix()
     assert ways_off(shown, rig, UNREAL).max() < MOST_OFF
+
+
+def test_what_the_former_action_keys_above_the_hips_is_put_at_rest_but_not_what_a_person_posed(shown):
+    heads = {}
+    for how in ("still", "posed", "keyed"):
+        rig = unreal()
+        with bones_of(rig) as bones:
+            bones.new("root").tail = 0, 0, 0.1
+            bones[UNREAL["hips"]].parent = bones["root"]
+        rig.pose.bones["root"].location.y = 0.0 if how == "still" else -0.08
+        if how == "keyed":
+            rig.pose.bones["root"].keyframe_insert("location", frame=1)
+        retargeted(rig, feet=True)
+        heads[how] = rig.pose.bones[UNREAL["hips"]].head.copy()
+    assert (heads["keyed"] - heads["still"]).length < 1e-4 < 0.01 < (heads["posed"] - heads["still"]).length
 
 
 def test_what_is_posed_above_hips_but_not_above_legs_is_put_at_rest(shown):

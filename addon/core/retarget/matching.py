@@ -21,11 +21,17 @@ PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
 # What the last words of the first bone of a finger are.
-FINGER_WORDS = {"thumb": "thumb", "index": "index", "middle": "middle mid", "ring": "ring", "pinky": "pinky little"}
+FINGER_WORDS = {
+    "thumb": "thumb 親指",
+    "index": "index fore 人指",
+    "middle": "middle mid 中指",
+    "ring": "ring third 薬指",
+    "pinky": "pinky little 小指",
+}
 FINGER_PARTS = tuple(part for part in PARTS if part.partition(".")[0] in FINGER_WORDS)
 RIGIFY_LIMBS = "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*", ("L", "R")
-# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's, Auto-Rig Pro's and BlenRig's,
-# with FK; Rigify's spine may have another number of bones, or no controls by FK, and BlenRig's shoulders breathe.
+# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's, Auto-Rig Pro's, Mixamo's and
+# BlenRig's, by FK; Rigify's spine may have another number of bones, or no controls so, and BlenRig's shoulders breathe.
 CONTROLS = (
     both_sides("torso spine_fk.002 spine_fk.003 neck head", *RIGIFY_LIMBS),
     both_sides("torso - chest neck head", *RIGIFY_LIMBS),
@@ -33,6 +39,12 @@ CONTROLS = (
         "c_root_master.x c_spine_01.x c_spine_02.x c_neck.x c_head.x",
         "c_shoulder.* c_arm_fk.* c_forearm_fk.* c_hand_fk.* c_thigh_fk.* c_leg_fk.* c_foot_fk.* c_toes_fk.*",
         ("l", "r"),
+    ),
+    both_sides(
+        "Ctrl_Hips Ctrl_Spine Ctrl_Spine2 Ctrl_Neck Ctrl_Head",
+        "Ctrl_Shoulder_* Ctrl_Arm_FK_* Ctrl_ForeArm_FK_* Ctrl_Hand_FK_* "
+        "Ctrl_UpLeg_FK_* Ctrl_Leg_FK_* Ctrl_Foot_FK_* Ctrl_Toe_FK_*",
+        ("Left", "Right"),
     ),
     both_sides(
         "master_torso spine_1_fk spine_3_fk neck_1_fk head_fk",
@@ -72,9 +84,12 @@ JOINT_WORDS = BONE_WORDS | {
 SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R", "左": "L", "右": "R"}
 # Words that say nothing of which part it is, and those of bones that help others.
 EMPTY_WORDS = {"base", "bone", "jnt", "joint", "bind", "skin", "stretch", "ctrl", "fk", "def", "org", "c", "x", "m"}
+EMPTY_WORDS |= {"proximal"}  # Unity's, of the first bone of a finger
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
 NO_CONTROLS = "MCH-", "ORG-"  # what Rigify's bones begin with that hang on controls by constraints
 HANGING = 0.75  # physical: the cosine that hair and legs have at least, to the way down
+BENT = 0.01  # physical: of a leg's length, that its knee is at least out of line where it says which way it bends
+IN_LINE = 0.866  # physical: the cosine to the shank, 30°, that feet never have and what twists it has
 LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
 # paper: of the height (Winter, after Drillis and Contini); the shoulder from beside the breastbone on, as rigs have it
 ARM = {"shoulder": 0.09, "upper_arm": 0.186, "forearm": 0.146, "hand": 0.108}
@@ -122,7 +137,8 @@ class RestBones:
 
 def match_bones(bones: RestBones) -> dict[str, str]:
     """The bone of a rig for each part of a body that it has one for; none where it is no person's."""
-    deforming = {part: name for part, name in DEFORMING.items() if name in bones.names}
+    called = {re.sub(r"_\d+$", "", name): name for name in bones.names} | {name: name for name in bones.names}
+    deforming = {part: called[name] for part, name in DEFORMING.items() if name in called}  # Sketchfab adds numbers
     if not bones.held and set(NEEDED_PARTS) <= deforming.keys():
         return deforming
     for table in CONTROLS if bones.held else ():
@@ -150,6 +166,8 @@ def _read(names: Iterable[str]) -> dict[str, tuple[str, int]]:
     words = {name: _words(name) for name in names}
     last = {own[-1] for own, _ in words.values() if own}
     table = JOINT_WORDS if {"elbow", "knee"} <= last else BONE_WORDS
+    if "ankle" not in last:  # where some call that the foot
+        table = table | {part: BONE_WORDS[part] for part in ("foot", "toes")}
     parts: dict[str, list[tuple[int, str]]] = {}
     for part, known in table.items():
         for rank, word in enumerate(known.split()):
@@ -174,8 +192,9 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 def match_names(bones: RestBones) -> dict[str, int]:
     """The parts that the words in the names of bones say: of several the control that moves others, or the surest name.
 
-    A volume in one is the last choice. What hangs on no arm of its side is no finger. Toes that are apart have no bone
-    for all. Knees and elbows that carry nothing are poles, if limbs are whole without.
+    A volume in one is the last choice; where constraints hold nothing, so is what neither hangs on another part nor
+    carries one. What hangs on no arm of its side is no finger. Toes that are apart have no bone for all. Knees and
+    elbows that carry nothing are poles, if limbs are whole without.
     """
     ends = [name for at, name in enumerate(bones.names) if not bones.below(at)]
     poles = {name for name in ends if _words(name)[0][-1:] in (["knee"], ["elbow"])}
@@ -183,6 +202,7 @@ def match_names(bones: RestBones) -> dict[str, int]:
     bent = {f"{part}.{side}" for limb in LIMBS for part in limb[:2] for side in BODY_SIDES}
     if not bent <= {part for part, _ in read.values()}:
         read = _read(bones.names)
+    carrying = {one for name in read for one in bones.above(bones.names.index(name))[1:]}
     for name, (part, rank) in read.items():
         at, words = bones.names.index(name), _words(name, keep=True)[0]
         above = bones.above(at)[1:]
@@ -191,13 +211,23 @@ def match_names(bones: RestBones) -> dict[str, int]:
         if part in FINGER_PARTS and not {f"{one}{part[-2:]}" for one in LIMBS[0]} & near:
             continue
         volume = part in near and not bones.below(at)
-        found[part].append((bones.held and "fk" not in words, volume, rank, len(words), len(above), at))
+        alone = not bones.held and at not in carrying and not any(bones.names[one] in read for one in above)
+        found[part].append((bones.held and "fk" not in words, alone or volume, rank, len(words), len(above), at))
     first = {part: min(several) for part, several in found.items() if part in PARTS}
     for part in [part for part in first if part.startswith("toes")]:
-        alike = [bones.parents[one[-1]] for one in found[part] if one[:-1] == first[part][:-1]]
-        if alike.count(bones.parents[first[part][-1]]) > 1:
+        foot = first.get(f"foot.{part[-1]}", [bones.parents[first[part][-1]]])[-1]
+        if sum(one[:-1] == first[part][:-1] and foot in bones.above(one[-1]) for one in found[part]) > 1:
             del first[part]
-    return {part: one[-1] for part, one in first.items()}
+    named = {part: one[-1] for part, one in first.items()}
+    for side in BODY_SIDES:
+        shoulder, arm, thigh = (f"{part}.{side}" for part in ("shoulder", "upper_arm", "thigh"))
+        if not bones.held and {shoulder, arm} <= named.keys() and named[shoulder] not in bones.above(named[arm]):
+            del named[shoulder]
+        if thigh in named:  # what comes before goes to the side in the pelvis, and may be called likewise
+            chain = _chain(bones, named[thigh])
+            down = chain[int(np.argmax(_downwards(bones, chain)))]
+            named[thigh] = down if down in [one[-1] for one in found[thigh]] else named[thigh]
+    return named
 
 
 def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
@@ -225,20 +255,23 @@ def _lacking(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
 
 
 def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
-    """The same with the trunk: hips where legs and trunk meet, chest where arms do, spine and neck at their ends."""
+    """The same with the trunk: hips where legs and trunk meet, chest where arms do, spine and neck at their ends.
+
+    Hips that are called so may carry what they meet at, as of a Biped the first bone of the spine.
+    """
     found = dict(found)
     legs = [found[f"thigh.{side}"] for side in BODY_SIDES if f"thigh.{side}" in found]
     arms = [found[part] for side in BODY_SIDES for part in (f"shoulder.{side}", f"upper_arm.{side}") if part in found]
     hips = _meeting(bones, [*legs, *arms] or [-1])
-    if hips is not None and len(legs) > 1:
+    if hips is not None and len(legs) > 1 and found.get("hips") not in bones.above(hips):
         found["hips"] = hips
     chest = _meeting(bones, arms) if len(arms) > 1 else None
     if chest is not None and chest == found.get("neck"):  # on which some rigs hang the arms
         chest = int(bones.parents[chest])
     if chest is None or "hips" not in found:
         return found
-    between = bones.above(chest)
-    between = between[: between.index(found["hips"])] if found["hips"] in between else []
+    between, low = bones.above(chest), found["hips"] if hips is None else hips
+    between = between[: between.index(low)] if low in between else []
     if between:
         found |= {"chest": chest} | ({"spine": between[-1]} if len(between) > 1 else {})
     for side in BODY_SIDES:  # a shoulder whose name says nothing
@@ -249,13 +282,24 @@ def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
 
 
 def _with_sides(bones: RestBones, found: dict[str, int]) -> dict[str, int]:
-    """The same with the sides exchanged where toes are behind the feet: names then are as who looks at it sees them."""
-    ends = [[found.get(f"{part}.{side}") for side in BODY_SIDES] for part in ("thigh", "foot", "toes")]
-    if any(None in pair for pair in ends):
+    """The same with the sides exchanged where toes are behind the feet: names then are as who looks at it sees them.
+
+    Feet without toes may end anywhere; they are behind where knees bend so, too.
+    """
+    legs, toes = (
+        [[found.get(f"{part}.{side}") for side in BODY_SIDES] for part in parts] for parts in (LIMBS[1], ["toes"])
+    )
+    if any(None in pair for pair in legs):
         return found
-    thighs, feet, toes = bones.heads[np.array(ends)]
-    back = np.cross((thighs - feet).mean(axis=0), thighs[0] - thighs[1])
-    ahead = toes - feet
+    thighs, knees, feet = bones.heads[np.array(legs)]
+    way = (thighs - feet).mean(axis=0)
+    back = np.cross(way, thighs[0] - thighs[1])
+    if None not in toes[0]:
+        ahead = bones.heads[np.array(toes[0])] - feet
+    elif ((2 * knees - thighs - feet) @ back > 2 * BENT * np.linalg.norm(way) * np.linalg.norm(back)).all():
+        ahead = bones.tails[np.array(legs[2])] - feet
+    else:
+        return found
     if not (ahead @ back > np.linalg.norm(ahead, axis=1) * np.linalg.norm(back) / 2).all():  # not down from the ankle
         return found
     other = dict(zip(BODY_SIDES, BODY_SIDES[::-1], strict=True))
@@ -362,20 +406,32 @@ def _pairs(bones: RestBones) -> list[tuple[int, tuple[int, int]]]:
 
 
 def _leg(bones: RestBones, first: int) -> list[int] | None:
-    """Thigh, shank, foot and, where there are any, toes; the foot is the first bone that turns off the way down."""
+    """Thigh, shank, foot and, where there are any, toes; the foot is the first bone that turns off the way down.
+
+    Or off the shank, where it is short: a steep one.
+    """
     chain = _chain(bones, first)
-    ends = np.array([*(bones.heads[one] for one in chain[1:]), bones.tails[chain[-1]]])
-    ways = ends - bones.heads[chain]
-    downwards = ways @ _nearest_axis(bones.heads[chain[-1]] - bones.heads[first]) > HANGING * np.linalg.norm(
-        ways, axis=1
-    )
+    downwards, ways = _downwards(bones, chain), np.diff(bones.heads[chain], axis=0)
+    lengths = np.linalg.norm(ways, axis=1)
     hip = int(np.argmax(downwards))  # what comes before goes to the side in the pelvis
-    foot = next((at for at in range(hip + 2, len(chain)) if not downwards[at]), None)
+
+    def is_steep(at: int) -> bool:
+        short = at < len(ways) and 2 * lengths[at] < lengths[at - 1]
+        return short and bool(ways[at] @ ways[at - 1] < IN_LINE * lengths[at] * lengths[at - 1])
+
+    foot = next((at for at in range(hip + 2, len(chain)) if not downwards[at] or is_steep(at)), None)
     if foot is None:
         return None
     middle = (bones.heads[chain[hip]] + bones.heads[chain[foot]]) / 2
     knee = min(chain[hip + 1 : foot], key=lambda one: np.linalg.norm(bones.heads[one] - middle))
     return [chain[hip], knee, *chain[foot : foot + 2]]
+
+
+def _downwards(bones: RestBones, chain: list[int]) -> np.ndarray:
+    """(K,) whether each bone of a chain goes down, as the whole of it does."""
+    ways = np.array([*(bones.heads[one] for one in chain[1:]), bones.tails[chain[-1]]]) - bones.heads[chain]
+    axis = _nearest_axis(bones.heads[chain[-1]] - bones.heads[chain[0]])
+    return ways @ axis > HANGING * np.linalg.norm(ways, axis=1)
 
 
 def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
@@ -384,10 +440,10 @@ def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
     None where one has too few; where a shoulder alone is missing, the others.
     """
     half = float(np.linalg.norm(bones.heads[firsts[0]] - bones.heads[firsts[1]])) / 2
-    long = ARM["shoulder"] / sum(ARM.values()) * bones.reaches[firsts[0]]
-    people = np.log(list(ARM.values()))[0 if half < long else 1 :]
     chains = sorted((_chain(bones, first) for first in firsts), key=lambda chain: bones.reaches[chain[0]])
     chain = chains[0]  # the other hand may hold something
+    long = ARM["shoulder"] / sum(ARM.values()) * bones.reaches[chain[0]]
+    people = np.log(list(ARM.values()))[0 if half < long else 1 :]
     places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
     found, wanted = {}, people[-max(len(chain), len(ARM) - 1) :]

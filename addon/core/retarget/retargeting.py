@@ -25,7 +25,8 @@ NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "f
 STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a bone that says not where it points
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
 OTHER_SIZE = 2.0  # physical: so many times as long, or as short, are no two people's feet, drawn ones neither
-FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
+FLOOR_NEAR = 0.1  # physical: of both legs' length, that a rig's lowest bone may be below the floor, at its origin
+ANKLE_HIGH = 0.25  # physical: of both legs' length, that it may be over that: no ankle is higher than a shank is long
 Posed = tuple[np.ndarray, np.ndarray]  # how bones turn (F, C, 3, 3) from their rest, and where the hips begin (F, 3) m
 Plants = Mapping[str, tuple[np.ndarray, np.ndarray]]  # of each side, as `Footing` has them
 Pits = Mapping[str, np.ndarray]
@@ -84,11 +85,16 @@ def axes_at_rest(places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def stands(places: Mapping[str, np.ndarray]) -> bool:
-    """Whether a rig stands at rest, by where parts begin (3,) in the axes of a character; some files' have no pose."""
+    """Whether a rig stands at rest, by where parts begin (3,) in the axes of a character; some files' have no pose.
+
+    Or have bones of another size: legs so far apart, for what they are long, that feet could not meet.
+    """
     over = [("hips", part) for part in ("chest", "neck", "head") if part in places]
     over += [(f"shank.{side}", f"thigh.{side}") for side in BODY_SIDES]
     ways = np.array([places[high] - places[low] for low, high in over])
-    return bool((2 * ways[:, 2] > np.linalg.norm(ways, axis=1)).all())
+    lengths = np.linalg.norm(ways, axis=1)
+    together = np.linalg.norm(places["thigh.L"] - places["thigh.R"]) < 2 * lengths[-2:].sum()
+    return bool(together and (2 * ways[:, 2] > lengths).all())
 
 
 def retarget(
@@ -206,8 +212,8 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
             aligned[index] = least_turn(carried @ way, -SKYWARDS) @ carried
         elif name in ("upper_arm", "forearm", "hand"):
             out = np.array([1.0 if side == BODY_SIDES[0] else -1.0, 0, 0])
-            bent = np.arccos((carried @ way) @ out / np.linalg.norm(way))
-            aligned[index] = carried if name == "hand" and bent > STRAIGHT else least_turn(carried @ way, out) @ carried
+            bent = (carried @ way) @ out < np.cos(STRAIGHT) * np.linalg.norm(way)
+            aligned[index] = carried if name == "hand" and bent else least_turn(carried @ way, out) @ carried
         elif name == "foot":  # it stands on its sole, whichever way it points in there
             ball = _ball(rig, side) - rig.heads[index]
             own = body.rest(f"toes.{side}") - body.rest(f"foot.{side}")
@@ -230,14 +236,13 @@ def _with_feet(rig: Rig, body: BodyInMotion) -> Rig:
     """
     tails, scale = rig.tails.copy(), _fitted(rig, body)[0]
     for side in rig.legs:
-        foot = rig.heads[rig.at[f"foot.{side}"]]
         last = next(part for part in (f"toes.{side}", f"foot.{side}") if part in rig.at)
         own = scale * (body.character.tails[body.at[last]] - body.rest(last))
         way = tails[rig.at[last]] - rig.heads[rig.at[last]]
         far, size = np.linalg.norm(way), np.linalg.norm(own)
         least, most = size / OTHER_SIZE, size * OTHER_SIZE
         if last.startswith("toes"):
-            least, most = 0.0, np.linalg.norm(foot - rig.heads[rig.at[f"shank.{side}"]])
+            least, most = 0.0, OTHER_SIZE * np.linalg.norm(_ball(rig, side) - rig.heads[rig.at[f"foot.{side}"]])
         if not (far / 2 < -way[1] and least < far < most):
             tails[rig.at[last]] = rig.heads[rig.at[last]] + own
     return replace(rig, tails=tails)
@@ -295,7 +300,7 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     scale, low = float(lengths[0] / lengths[1]), float(rig.heads[:, 2].min())
     # Rigs stand on their origin; one whose origin is elsewhere stands as far below its lowest joint as the body.
     under = low - scale * min(body.rest(part)[2] for part in rig.parts if part in body.at)
-    floor = under if abs(under) > FLOOR_NEAR * lengths[0] else 0.0
+    floor = 0.0 if -FLOOR_NEAR < under / lengths[0] < ANKLE_HIGH else under
     lifts = [
         rig.heads[rig.at[part], 2] - floor - scale * body.rest(part)[2] for part in map("foot.{}".format, rig.legs)
     ]

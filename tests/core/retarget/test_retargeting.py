@@ -199,7 +199,7 @@ def on_tiptoe(squats, most=0.9, frames=15):
 
 def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_the_body_s(squats):
     character, (still, turns) = on_tiptoe(squats)
-    at, one = segment_of(character), rig(size=1.15)
+    one = rig(size=1.15)
     found = retarget(character, (still, turns), RATE, one, feet=True, hands=False)
     feet, toes = (both(one.at, part) for part in ("foot", "toes"))
     balls = places(one, *found)[:, toes]
@@ -207,12 +207,21 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     tips = balls[..., 2] + np.einsum("fsij,sj->fsi", found[0][:, toes], one.tails[toes] - one.heads[toes])[..., 2]
     np.testing.assert_allclose(tips, one.tails[toes, 2] * np.ones((120, 1)), atol=0.006)
     np.testing.assert_allclose(found[0][:40, toes], found[0][:40, feet], atol=0.02)
-    # Longer toes than the body's, straight again when the ball has left the floor, are still not in it.
+
+
+@pytest.mark.parametrize(("thigh", "long"), [(0.5, 0.09), (0.8, 0.25)])  # of a drawn figure, than its shank
+def test_longer_toes_than_the_body_s_are_not_in_the_floor_though_straight_when_the_ball_has_left_it(
+    squats, thigh, long
+):
+    character, (still, turns) = on_tiptoe(squats)
+    at, one = segment_of(character), rig(size=1.15, thigh=thigh)
+    toes = one.at["toes.L"]
+    one.tails[toes] = one.heads[toes] - (0, long, 0)
     left = still + 0.08 * np.clip((np.arange(120) - 70) / 15, 0, 1)[:, None, None] * [0, 0, 1]
     turns[70:, at["toes.L"]] = turns[70:, at["foot.L"]]
     moved, hips = retarget(character, (left, turns), RATE, one, feet=True, hands=False)
-    tip = places(one, moved, hips)[:, toes[0]] + moved[:, toes[0]] @ (one.tails - one.heads)[toes[0]]
-    assert tip[:, 2].min() > one.tails[toes[0], 2] - 0.004
+    tip = places(one, moved, hips)[:, toes] + moved[:, toes] @ (one.tails - one.heads)[toes]
+    assert tip[:, 2].min() > one.tails[toes, 2] - 0.004
 
 
 @pytest.mark.parametrize("way", [(0, -0.08, 0), (0, -0.02, -0.06), (0, 0.05, -0.08)])  # long, high and steep feet
@@ -328,11 +337,36 @@ def test_a_rig_without_toes_whose_origin_is_elsewhere_stands_on_its_soles_not_it
     np.testing.assert_allclose(*found, atol=0.04)
 
 
+def test_a_rig_without_toes_whose_ankles_are_high_stands_on_its_origin(squats):
+    one, high = without_toes(rig())[0], 0.25
+    for end in (one.heads, one.tails):
+        end += (0, 0, high)
+    ankles = places(one, *retarget(*squats, RATE, one, feet=True, hands=False))[:, both(one.at, "foot"), 2]
+    np.testing.assert_allclose(ankles, 0.09 + high, atol=0.012)
+
+
 def test_a_rig_stands_whose_head_is_over_its_hips_over_its_knees():
     places = dict(zip(rig(HANGING).parts, rig(HANGING).heads, strict=True))
     assert stands(places)
     assert not stands({part: place[[2, 1, 0]] for part, place in places.items()})
     assert not stands(places | {"shank.R": places["thigh.R"] + [0.1, 0, 0.4]})
+    apart = {
+        part: places[part] + [5 if part.endswith("L") else -5, 0, 0]
+        for part in places
+        if part[:5] in ("thigh", "shank")
+    }
+    assert not stands(places | apart), "its bones are of another size than its places"
+
+
+def test_arms_that_are_all_straight_at_rest_warn_of_no_angle(squats):
+    """As those of files are, whichever way they hang."""
+    for angle in np.radians([3, 27, 75]):
+        one, way = rig(), np.array([np.cos(angle), 0, -np.sin(angle)])
+        for number, part in enumerate(("upper_arm.L", "forearm.L", "hand.L")):
+            one.heads[one.at[part]] = one.heads[one.at["upper_arm.L"]] + 0.27 * number * way
+            one.tails[one.at[part]] = one.heads[one.at[part]] + 0.1 * way
+        with np.errstate(invalid="raise"):
+            retarget(*squats, RATE, one, feet=False, hands=False)
 
 
 def test_hands_go_where_the_body_s_are_in_a_larger_room(squats):
@@ -396,13 +430,14 @@ FK_CONTROLS = both_sides(
     "FK-Shoulder.* FK-UpperArm.* FK-Forearm.* FK-Wrist.* FK-Thigh.* FK-Knee.* FK-Foot.* FK-Toes.*",
     ("L", "R"),
 ) | {"between": "FK-RibCage"}
+FEET_ARE_FEET = MAYA | {f"{part}.{side}": f"{side}_{part.title()[:4]}" for part in ("foot", "toes") for side in "LR"}
 UPPER_LAST = both_sides(
     "root spine1 spine3 neck head", "*Clavicle *ArmUpper *ArmLower *Hand *LegUpper *LegLower *Foot *Toe", ("L", "R")
 ) | {"between": "spine2"}
 
 
 @pytest.mark.parametrize("arms", [T_POSE, A_POSE, HANGING])
-@pytest.mark.parametrize("names", [MIXAMO, UNREAL, VRM, MAYA, AVATAR, FK_CONTROLS, UPPER_LAST, NAMELESS])
+@pytest.mark.parametrize("names", [MIXAMO, UNREAL, VRM, MAYA, AVATAR, FK_CONTROLS, FEET_ARE_FEET, UPPER_LAST, NAMELESS])
 def test_bones_are_known_by_names_or_form(names, arms):
     assert match_bones(at_rest(names, arms)) == without_between(names)
 
@@ -427,16 +462,37 @@ def test_limbs_of_two_bones_each_and_hips_that_part_are_known_by_form():
     assert len(found) == len(NAMELESS) - 1
 
 
+def test_a_steep_foot_without_a_name_is_known_by_its_length():
+    """As of a drawn figure, or on a high heel: the toes begin under the ankle, a little ahead."""
+    bones = at_rest(NAMELESS)
+    heads, tails = bones.heads.copy(), bones.tails.copy()
+    for side in "LR":
+        foot, toes = (bones.names.index(NAMELESS[f"{part}.{side}"]) for part in ("foot", "toes"))
+        heads[toes] = tails[foot] = heads[foot] + (0, -0.04, -0.07)
+    assert match_bones(replace(bones, heads=heads, tails=tails)) == without_between(NAMELESS)
+
+
 def test_left_is_told_by_the_feet_where_names_say_nothing():
     """In any axes: y up, and a rig that looks the other way."""
     for turn in (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.diag([-1.0, -1, 1])):
         assert match_bones(at_rest(NAMELESS, turn=turn)) == without_between(NAMELESS)
 
 
-def test_sides_that_are_named_as_who_looks_at_a_rig_sees_them_are_exchanged():
+@pytest.mark.parametrize("gone", ["none", "toes"])
+def test_sides_that_are_named_as_who_looks_at_a_rig_sees_them_are_exchanged(gone):
     own, mirrored = without_between(UNREAL), np.diag([-1.0, 1, 1])
     other = {part: own[f"{part[:-1]}{'LR'[part[-1] == 'L']}" if "." in part else part] for part in own}
-    assert match_bones(at_rest(UNREAL, turn=mirrored)) == other
+    bones = rest_of([bone for bone in rig_bones() if not bone.part.startswith(gone)], UNREAL)
+    turned = replace(bones, heads=bones.heads @ mirrored, tails=bones.tails @ mirrored)
+    assert match_bones(turned) == {part: name for part, name in other.items() if not part.startswith(gone)}
+
+
+def test_sides_are_as_they_are_named_where_feet_without_toes_end_behind_but_knees_do_not():
+    bones = [bone for bone in rig_bones() if not bone.part.startswith("toes")]
+    for at, bone in enumerate(bones):
+        if bone.part.startswith("foot"):
+            bones[at] = replace(bone, tail=np.add(bone.head, (0, 0.1, 0)))
+    assert match_bones(rest_of(bones, UNREAL)).items() <= without_between(UNREAL).items()
 
 
 def test_sides_of_feet_that_point_down_are_as_they_are_named():
@@ -571,10 +627,56 @@ def test_bones_beside_those_of_a_person_are_none_but_the_first_of_fingers(names,
     assert match_bones(at_rest(names, arms, extra=extra)) == without_between(names) | fingers
 
 
-def test_toes_that_are_apart_have_no_bone_for_all():
-    extra = [("toe2-1.L", "foot.L", (0.1, -0.1, 0)), ("ball_end_r", "toes.R", (0, -0.2, 0))]
-    found = match_bones(at_rest(UNREAL | {"toes.L": "toe1-1.L"}, extra=extra))
+METATARSALS = hanging_on("toes.L", "toe1-", (0.1, -0.1, 0)) + hanging_on(
+    "foot.L", "toe2-", (0.12, -0.05, 0), (0.12, -0.1, 0)
+)
+
+
+@pytest.mark.parametrize("side", ["L", "R"])
+def test_arms_without_shoulders_have_none_though_a_hand_holds_something_long(side):
+    bones = [replace(bone, parent="chest") if bone.part.startswith("upper_arm") else bone for bone in rig_bones(A_POSE)]
+    bones = [bone for bone in bones if not bone.part.startswith("shoulder")]
+    for hand in [bone for bone in bones if bone.part.startswith("hand")]:
+        bones.append(RigBone(f"finger {hand.part}", hand.part, hand.tail, 2 * hand.tail - hand.head))
+        if hand.part[-1] == side:
+            bones.append(RigBone("sword", hand.part, hand.tail, hand.tail - (0, 1.2, 0)))
+    own = {part: name for part, name in without_between(NAMELESS).items() if not part.startswith("shoulder")}
+    assert match_bones(rest_of(bones, NAMELESS)) == own
+
+
+@pytest.mark.parametrize(
+    ("first", "extra"), [("toe1-1.L", [("toe2-1.L", "foot.L", (0.1, -0.1, 0))]), ("metatarsal1.L", METATARSALS)]
+)
+def test_toes_that_are_apart_have_no_bone_for_all(first, extra):
+    called = {"toe1-0": "toe1-1.L", "toe2-0": "metatarsal2.L", "toe2-1": "toe2-1.L"}
+    names = UNREAL | {"toes.L": first} | called
+    found = match_bones(at_rest(names, extra=[*extra, ("ball_end_r", "toes.R", (0, -0.2, 0))]))
     assert found == {part: name for part, name in without_between(UNREAL).items() if part != "toes.L"}
+
+
+def test_in_files_of_games_controls_that_are_left_are_no_head_and_no_shoulders():
+    """What hangs on nothing, and what the arm does not hang on."""
+    bones = [replace(bone, parent="chest") if bone.part.startswith("upper_arm") else bone for bone in rig_bones()]
+    bones.append(RigBone("head_", None, np.array([0, -0.5, 1.6]), np.array([0, -0.5, 1.7])))
+    own = without_between(UNREAL)
+    found = match_bones(replace(rest_of(bones, UNREAL), held=False))
+    assert found == {part: name for part, name in own.items() if not part.startswith("shoulder")}
+
+
+def test_a_biped_s_pelvis_is_its_hips_though_legs_hang_on_its_spine():
+    bones = [replace(bone, parent="low") if bone.parent == "hips" else bone for bone in rig_bones()]
+    hips = bones[0]
+    bones.append(RigBone("low", "hips", hips.tail, np.add(hips.tail, (0, 0, 0.05))))
+    assert match_bones(rest_of(bones, UNREAL)) == without_between(UNREAL)
+    with_low = without_between(NAMELESS) | {"hips": "low"}
+    assert match_bones(rest_of(bones, NAMELESS)) == with_low, "which names alone say"
+
+
+def test_a_bone_of_the_pelvis_that_is_called_a_thigh_is_none():
+    bones = [replace(bone, parent=f"__{bone.part}") if bone.part.startswith("thigh") else bone for bone in rig_bones()]
+    at = {bone.part: bone.head for bone in bones}
+    bones += [RigBone(f"__thigh.{side}", "hips", at["hips"], at[f"thigh.{side}"]) for side in "LR"]
+    assert match_bones(rest_of(bones, UNREAL)) == without_between(UNREAL)
 
 
 @pytest.mark.parametrize("table", CONTROLS)
@@ -585,15 +687,27 @@ def test_control_rigs_are_known_by_their_controls(table):
     assert found == {part: name for part, name in table.items() if name != "-"}
 
 
+def test_of_mixamo_s_control_rig_the_controls_are_moved_not_the_bones_that_follow_them():
+    names = (*MIXAMO.values(), *CONTROLS[3].values(), "Foot_FK_Left", "Ctrl_Hand_IK_Left")
+    far = np.zeros((len(names), 3))
+    found = match_bones(RestBones(names, np.full(len(names), -1), far, far))
+    assert (found["hips"], found["thigh.L"], found["foot.L"]) == (
+        "Ctrl_Hips",
+        "Ctrl_UpLeg_FK_Left",
+        "Ctrl_Foot_FK_Left",
+    )
+
+
 def test_in_files_of_games_what_deforms_is_moved_not_controls_that_move_nothing():
     extra = [("thigh_fk_l", "hips", (0.1, 0, 0.94)), ("lowerarm_fk_l", "chest", (0.48, 0, 1.45))]
     rig = at_rest(UNREAL, extra=extra)
     assert match_bones(rig)["thigh.L"] == "thigh_fk_l"
     assert match_bones(replace(rig, held=False)) == without_between(UNREAL)
-    there = {part: name for part, name in DEFORMING.items() if not part.startswith("toes")}
-    names = (*there.values(), *CONTROLS[0].values())
-    far = np.zeros((len(names), 3))
-    assert match_bones(RestBones(names, np.full(len(names), -1), far, far, held=False)) == there
+    for number in ("", "_012"):  # as Sketchfab adds
+        there = {part: name + number for part, name in DEFORMING.items() if not part.startswith("toes")}
+        names = (*there.values(), *CONTROLS[0].values())
+        far = np.zeros((len(names), 3))
+        assert match_bones(RestBones(names, np.full(len(names), -1), far, far, held=False)) == there
 
 
 def test_bones_that_hang_on_controls_are_none_of_a_person_s():
@@ -627,7 +741,12 @@ def test_what_is_no_person_matches_nothing(names):
         ("LeftHandThumb1", "thumb.L"),
         ("lMid1", "middle.L"),
         ("l_toebase_JNT", "toes.L"),
+        ("LeftIndexProximal", "index.L"),
+        ("little_proximal.R", "pinky.R"),
+        ("LeftIndexDistal", None),
         ("左足首", "foot.L"),
+        ("左人指１", "index.L"),
+        ("third1_R", "ring.R"),
         ("ひじ.R", "forearm.R"),
         ("右足ＩＫ", None),
         ("左肩P", None),
