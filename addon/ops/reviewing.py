@@ -7,8 +7,8 @@ from bpy.props import BoolProperty, IntProperty
 
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
-from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
-from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
+from ..core.edits.kinds import AssignPoint, Edit, UnlabelMarker
+from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, UNLABEL, Trouble
 from ..props import list_trouble
 from ..scene.cameras import camera_name, originals
 from ..scene.roots import in_world
@@ -33,8 +33,6 @@ def mending(trouble: Trouble) -> list[Edit]:
     if trouble.action == NAME_IT and trouble.markers and trouble.trajectories:
         where = trouble.named_in or trouble.spans
         return [AssignPoint(trouble.trajectories[0], trouble.markers[0], frames=span) for span in where]
-    if trouble.action == SWAP:
-        return [Swap((trouble.markers[0], trouble.markers[1]), frames=span) for span in trouble.spans]
     if trouble.action == UNLABEL:
         return [UnlabelMarker(trouble.markers[0], frames=span) for span in trouble.spans]
     if trouble.action == DELETE:
@@ -48,8 +46,6 @@ def words_for(trouble: Trouble) -> str:
         return ""
     if trouble.action == NAME_IT:
         return f"Name {trouble.trajectories[0]} {trouble.markers[0]}"
-    if trouble.action == SWAP:
-        return f"Swap {trouble.markers[0]} and {trouble.markers[1]}"
     if trouble.action == UNLABEL:
         return f"Unlabel {trouble.markers[0]}"
     return BUTTONS[trouble.action][1].format(" ".join(trouble.markers))
