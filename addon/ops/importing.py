@@ -329,7 +329,7 @@ def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
     if chosen is None:
         check_header(path)
         raise InputError(
-            "holds blobs, which need the calibration of their cameras; expected that to be opened with them", path
+            "holds blobs, which need the calibration of their cameras; expected both files to be opened at once", path
         )
     return chosen, False
 
