@@ -60,12 +60,23 @@ def test_a_heel_that_was_never_found_is_said_with_the_point_beside_it():
     assert (alone.kind, alone.markers, alone.first, alone.last) == (MISSING, ("LHEE",), FIRST, FIRST + FRAMES - 1)
     assert alone.stake == FRAMES
     assert alone.reason == "LHEE is never found"
-    missing, left = trouble(without("LHEE"), {7: BESIDE})
-    assert {missing.kind, left.kind} == {MISSING, LEFT_OVER}
-    assert missing.trajectories == left.trajectories == (7,)
+    [missing] = trouble(without("LHEE"), {7: BESIDE})
+    assert (missing.kind, missing.trajectories, missing.action) == (MISSING, (7,), "name")
     assert "trajectory 7, which has no name, is 100 mm from where it should be" in missing.reason
-    assert left.markers == ("LHEE",)
-    assert missing.action == left.action == "name"
+    left, answered = trouble(without("LHEE"), {7: BESIDE}, edits=missing.answers())
+    assert answered.answered and (left.kind, left.markers, left.trajectories) == (LEFT_OVER, (), (7,))
+
+
+def test_a_point_beside_a_marker_that_lacks_for_a_moment_is_left_over_by_itself():
+    """So short a gap is no trouble of its own."""
+    beside = np.full((FRAMES, 3), np.nan)
+    beside[20:46] = BESIDE[20:46]
+    markers = without("LHEE", frames=slice(20, 46))
+    looking = TakeTrouble(NAMES, RATE)
+    looking.add(*take(markers, {7: beside}))
+    looking.fill("LHEE", FIRST + 20, FIRST + 45)
+    [left] = looking.found()
+    assert (left.kind, left.markers, left.action) == (LEFT_OVER, ("LHEE",), "name")
 
 
 def test_markers_that_were_never_found_are_one_line_which_one_answer_closes():
