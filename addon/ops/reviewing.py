@@ -18,7 +18,7 @@ from .base import WithTake, lacks_own_take, once, operator, taken
 from .correcting import correct
 from .listing import is_listed, list_here, refuse_other_lists
 from .picking import dots_here, show_picked
-from .viewing import bring_into_view, fit_graphs
+from .viewing import bring_into_view, fit_graphs, marker_places
 
 # The operators for what no edit mends, and the words of their buttons.
 BUTTONS = {
@@ -55,8 +55,7 @@ def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:
     """(K, 3) m where what is meant is in a frame: markers, or where the body has them, and points of trajectories."""
     index = int(np.searchsorted(stored.motion.frames, frame))
     markers = [stored.words[name] for name in trouble.markers if name in stored.words]
-    found, expected = stored.motion.markers[index, markers], stored.motion.expected[index, markers]
-    places = [np.where(np.isfinite(found), found, expected)]
+    places = [marker_places(stored, index, markers)]
     if isinstance(stored.rows, PointRows) and trouble.trajectories:
         rows = rows_in_frame(stored.rows, index)
         places.append(stored.rows.xyz[rows][np.isin(stored.rows.trajectory[rows], trouble.trajectories)])
