@@ -47,7 +47,9 @@ def take(layout, context):
     else:
         row.label(text=bpy.path.basename(path), icon="FILE")
     row.operator("mocap_autolabel.import_take", text="", icon="FILE_FOLDER")
-    if labelled:
+    if not labelled:
+        row.operator("mocap_autolabel.close_take", text="", icon="X")
+    else:
         row.operator("mocap_autolabel.clear", text="", icon="TRASH")
         _draw_rates(layout, context.scene, settings.take, settings.take[RATE])
     if path and (state.unfolded or not labelled):

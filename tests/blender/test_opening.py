@@ -106,6 +106,22 @@ def test_sets_that_are_not_sure_are_offered_an_own_one_first_and_none_is_taken(s
     assert not ours("ui.panels").asks_which(state, settings)
 
 
+def test_a_take_that_is_open_can_be_closed_and_what_is_labelled_stays(settings, tmp_path, monkeypatch):
+    write_c3d(tmp_path / "body39.c3d", standing(drawn("body39")))
+    opened(tmp_path, "body39.c3d")
+    settings.subjects.markerset = "body39"
+    press("label")
+    labelled = settings.take
+    assert "close_take" not in drawn_in_take(monkeypatch)
+    opened(tmp_path, "body39.c3d")
+    assert "close_take" in drawn_in_take(monkeypatch)
+    preview = settings.source.preview.name
+    press("close_take")
+    assert preview not in bpy.data.objects and not settings.source.points_path
+    assert list(ours("scene.take").takes_of(bpy.context.scene)) == [labelled]
+    refused("No take is open", "close_take")
+
+
 def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp_path, monkeypatch):
     props, state = ours("props"), session()
     for name in ("body39", "gait15"):
@@ -241,7 +257,7 @@ def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
     write_c3d(tmp_path / "two.c3d", standing(drawn("gait15")))
     files = [{"name": "one.c3d"}, {"name": "two.c3d"}]
     refused("2 takes are chosen; expected one", "import_take", directory=tmp_path, files=files)
-    refused("of their cameras; expected both files to be opened at once", "import_take", filepath=room.blobs)
+    refused("of their cameras; expected both to be opened at once", "import_take", filepath=room.blobs)
     (tmp_path / "empty.csv").touch()
     refused(r"empty\.csv: is empty; expected a blob file", "import_take", filepath=tmp_path / "empty.csv")
     press("import_cameras", filepath=room.cameras)
