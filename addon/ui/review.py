@@ -134,10 +134,10 @@ class MOCAP_AUTOLABEL_UL_troubles(DrawsRows, bpy.types.UIList):
     """Troubles, the worst first: where, what about, and how many frames of a marker are at stake."""
 
     def draw_row(self, context, layout, item, index):
-        split = layout.split(factor=0.52, align=True)
+        split = layout.split(factor=0.49, align=True)
         frames = frames_in_short(item.first, item.last)
         split.operator("mocap_autolabel.show_trouble", text=frames, icon=ICONS[item.kind]).index = index
-        split = split.split(factor=0.62, align=True)
+        split = split.split(factor=0.68, align=True)
         split.label(text=item.name or item.kind)
         split.label(text="", icon="CHECKMARK") if item.answered else split.label(text=in_short(item.stake))
 
