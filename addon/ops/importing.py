@@ -328,9 +328,8 @@ def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
             return read_cameras(path), True
     if chosen is None:
         check_header(path)
-        raise InputError(
-            "holds blobs, which need the calibration of their cameras; expected that to be opened with them", path
-        )
+        words = "holds blobs, which need the calibration of their cameras"
+        raise InputError(f"{words}; expected both to be opened at once, or that first", path)
     return chosen, False
 
 
@@ -376,6 +375,12 @@ def forget_take(context: bpy.types.Context):
     settings.source.forced = False
     forget_found(context)
     refresh_review(context.window_manager, context.scene)
+
+
+@operator(unless(lambda context: opened_file(context.scene.mocap_autolabel.source), "No take is open"))
+def close_take(_self, context):
+    """Close the take that is open; its file, its cameras and what is labelled stay."""
+    forget_take(context)
 
 
 def forget_found(context: bpy.types.Context):

@@ -7,8 +7,8 @@ from bpy.props import BoolProperty, IntProperty
 
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
-from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
-from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
+from ..core.edits.kinds import AssignPoint, Edit, UnlabelMarker
+from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, UNLABEL, Trouble
 from ..props import list_trouble
 from ..scene.cameras import camera_name, originals
 from ..scene.roots import in_world
@@ -18,7 +18,7 @@ from .base import WithTake, lacks_own_take, once, operator, taken
 from .correcting import correct
 from .listing import is_listed, list_here, refuse_other_lists
 from .picking import dots_here, show_picked
-from .viewing import bring_into_view, fit_graphs
+from .viewing import bring_into_view, fit_graphs, marker_places
 
 # The operators for what no edit mends, and the words of their buttons.
 BUTTONS = {
@@ -33,8 +33,6 @@ def mending(trouble: Trouble) -> list[Edit]:
     if trouble.action == NAME_IT and trouble.markers and trouble.trajectories:
         where = trouble.named_in or trouble.spans
         return [AssignPoint(trouble.trajectories[0], trouble.markers[0], frames=span) for span in where]
-    if trouble.action == SWAP:
-        return [Swap((trouble.markers[0], trouble.markers[1]), frames=span) for span in trouble.spans]
     if trouble.action == UNLABEL:
         return [UnlabelMarker(trouble.markers[0], frames=span) for span in trouble.spans]
     if trouble.action == DELETE:
@@ -48,8 +46,6 @@ def words_for(trouble: Trouble) -> str:
         return ""
     if trouble.action == NAME_IT:
         return f"Name {trouble.trajectories[0]} {trouble.markers[0]}"
-    if trouble.action == SWAP:
-        return f"Swap {trouble.markers[0]} and {trouble.markers[1]}"
     if trouble.action == UNLABEL:
         return f"Unlabel {trouble.markers[0]}"
     return BUTTONS[trouble.action][1].format(" ".join(trouble.markers))
@@ -59,8 +55,7 @@ def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:
     """(K, 3) m where what is meant is in a frame: markers, or where the body has them, and points of trajectories."""
     index = int(np.searchsorted(stored.motion.frames, frame))
     markers = [stored.words[name] for name in trouble.markers if name in stored.words]
-    found, expected = stored.motion.markers[index, markers], stored.motion.expected[index, markers]
-    places = [np.where(np.isfinite(found), found, expected)]
+    places = [marker_places(stored, index, markers)]
     if isinstance(stored.rows, PointRows) and trouble.trajectories:
         rows = rows_in_frame(stored.rows, index)
         places.append(stored.rows.xyz[rows][np.isin(stored.rows.trajectory[rows], trouble.trajectories)])

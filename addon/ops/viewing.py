@@ -14,6 +14,8 @@ from ..scene.clock import set_moment
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
 from ..scene.rig_preview import leave_take
+from ..scene.roots import in_world
+from ..scene.stored import Stored
 from ..scene.take import is_take, remove_take
 from .base import WithTake, lacks_object_mode, once, operator, taken, unless
 from .gestures import window_region
@@ -38,12 +40,18 @@ def look_through(self, context):
     marker=once(StringProperty, "Marker", "Marker to select"),
 )
 def jump(self, context):
-    """Go to this frame, and select the marker if there is one to select."""
+    """Go to this frame, select the marker if there is one to select, and bring it into views and graphs."""
     set_moment(context.scene, self.frame)
     collection = context.scene.mocap_autolabel.take
     if self.marker and is_take(collection) and context.mode == "OBJECT":
         stored = taken(context)
-        show_picked(context, stored, [], [stored.words[self.marker]] if self.marker in stored.words else [])
+        markers = [stored.words[self.marker]] if self.marker in stored.words else []
+        show_picked(context, stored, [], markers)
+        index = stored.index_of(context.scene.frame_float)
+        if index >= 0:
+            bring_into_view(context, in_world(collection, marker_places(stored, index, markers)))
+            frame, around = int(stored.motion.frames[index]), round(stored.rate)
+            fit_graphs(context, frame - around, frame + around)
 
 
 @operator(
@@ -103,6 +111,12 @@ MIN_ROOM = 1.2  # m that a view shows at least, so that one knows the limb
 MAX_PLACES = 5000  # that the extent of a take is told from
 
 
+def marker_places(stored: Stored, index: int, markers: list[int]) -> np.ndarray:
+    """(K, 3) m where markers are in a frame, or where the body has them."""
+    found, expected = stored.motion.markers[index, markers], stored.motion.expected[index, markers]
+    return np.where(np.isfinite(found), found, expected)
+
+
 def bring_into_view(context: bpy.types.Context, places: np.ndarray, room: float = ROOM):
     """Lets every 3D view that looks through no camera show places (K, 3) m, from where it looks."""
     there = places[np.isfinite(places).all(axis=1)]
@@ -144,12 +158,14 @@ GRAPH_ROOM = np.array([0.05, 0.25])  # of what is meant, along frames and values
 
 
 @operator(of=WithTake, label="Show in the Graph Editor", options={"REGISTER"})
-def show_graph(_self, context):
+def show_graph(self, context):
     """Show x, y and z of the selected markers over time, with gaps and fills, in a Graph Editor below the view."""
     if not any(area.ui_type == "FCURVES" for area in context.screen.areas):
         _add_graph(context)
     frames = taken(context).motion.frames
     fit_graphs(context, int(frames[0]), int(frames[-1]))
+    if not selected_markers(context):
+        self.report({"INFO"}, "Pick a marker, or click the frames of a row, to see its curves")
 
 
 def _add_graph(context: bpy.types.Context):

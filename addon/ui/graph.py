@@ -6,7 +6,7 @@ gap is marked, in it lies the fill with the error to expect, dashed until it is 
 which has no keys, has its curves as well.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -32,7 +32,8 @@ from .timeline import LETTERS, STATE_COLOURS, Pixels
 
 GAP_OPACITY, BAND_OPACITY = 0.14, 0.3
 DASH, SPACE = 6.0, 4.0  # px of the interface that a line is drawn and left out
-FILL_WIDTH, SEEN_WIDTH, WORDS_FOOT = 2.0, 2.5, 16.0  # px of the interface
+FILL_WIDTH, SEEN_WIDTH = 2.0, 2.5  # px of the interface
+WORDS_FOOT, WORDS_LINE = 46.0, 16.0  # px of the interface; below it Blender names the timeline's markers
 _letters = Letters()
 
 
@@ -67,7 +68,7 @@ def draw():
     if not graph_shown(context):
         return
     stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
-    places, names, words = GraphPlaces.of(context.region), selected_markers(context), []
+    places, names, said = GraphPlaces.of(context.region), selected_markers(context), []
     scale = context.preferences.system.ui_scale
     clock = stored.clock
     first, last = (clock.at(context.region.view2d.region_to_view(x, 0)[0]) for x in (0, context.region.width))
@@ -83,8 +84,12 @@ def draw():
             draw_fills(pixels, places, seen, clock, colour, dash)
             for fill in seen:
                 x = places.origin[0] + places.scale[0] * clock.shown(fill.first)
-                words.append((words_of(fill), x, WORDS_FOOT * scale * (1 + names.index(fill.marker)), colour))
-        _letters.draw(words, LETTERS * scale, shadow=True)
+                said.append((words_of(fill), x, colour))
+        widths = [_letters.width(words + "  ", LETTERS * scale) for words, *_ in said]
+        rows = rows_of([x for _, x, _ in said], widths)
+        lines_of_words = [scale * (WORDS_FOOT + WORDS_LINE * row) for row in rows]
+        beside = [(words, x, y, colour) for (words, x, colour), y in zip(said, lines_of_words, strict=True)]
+        _letters.draw(beside, LETTERS * scale, shadow=True)
 
 
 def draw_gaps(pixels: Pixels, places: GraphPlaces, gaps: np.ndarray, clock: TakeClock):
@@ -98,6 +103,16 @@ def words_of(fill: KeptFill) -> str:
     """What is said of a fill below it."""
     off = f"± {1000 * fill.expected:.1f} mm" if fill.expected == fill.expected else "error not known"
     return f"{fill.marker} {off}"
+
+
+def rows_of(starts: Sequence[float], widths: Sequence[float]) -> list[int]:
+    """Of words that begin at `starts`, px, and are so wide, the lowest rows in which none lies on another."""
+    rows, ends = [0] * len(starts), []
+    for one in sorted(range(len(starts)), key=starts.__getitem__):
+        row = next((row for row, end in enumerate(ends) if end <= starts[one]), len(ends))
+        ends[row : row + 1] = [starts[one] + widths[one]]
+        rows[one] = row
+    return rows
 
 
 def gaps_of(stored: Stored, name: str) -> np.ndarray:

@@ -248,7 +248,7 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings, collectio
     fills[asked] = RED
     canvas.discs(others, fills, BLOB_RADIUS - 1.5, 1.0)
     canvas.discs(places, found_as, BLOB_RADIUS - 1, 1.0)
-    if isinstance(stored.rows, PointRows):
+    if stored.names or isinstance(stored.rows, PointRows):
         _draw_counts(canvas, stored, seen, collection)
     if settings.display.show_names:
         words = [*stored.names, *seen.asked.values()]
@@ -256,7 +256,7 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings, collectio
 
 
 def _draw_counts(canvas: Canvas, stored: Stored, seen: marks.PointMarks, collection: bpy.types.Collection | None):
-    """How many points have names, and what their colours mean."""
+    """How many points have names, or of blobs how many markers are there, and what their colours mean."""
     if not stored.names:
         canvas.text(count_of(len(seen.unnamed), "point"), LEGEND_LEFT * canvas.scale, canvas.foot)
         canvas.foot += LINE * canvas.scale
@@ -264,8 +264,10 @@ def _draw_counts(canvas: Canvas, stored: Stored, seen: marks.PointMarks, collect
     found = int((np.isfinite(seen.named).all(axis=1) & ~seen.filled).sum())
     people = {} if collection is None else colours_in(collection)
     names = [(name, (*colour, 1.0)) for name, colour in people.items()] or [("named", ORANGE)]
-    rows = (*names, ("doubtful", RED), ("unnamed", GREY)) + (("filled", BLUE),) * bool(stored.fills)
-    draw_colours(canvas, f"{found} of {found + len(seen.unnamed)} points named", rows)
+    points = isinstance(stored.rows, PointRows)
+    rows = (*names, ("doubtful", RED)) + (("unnamed", GREY),) * points + (("filled", BLUE),) * bool(stored.fills)
+    of_all = f"{found + len(seen.unnamed)} points named" if points else f"{count_of(len(seen.named), 'marker')} found"
+    draw_colours(canvas, f"{found} of {of_all}", rows)
 
 
 def draw_colours(canvas: Canvas, title: str, rows):

@@ -26,6 +26,7 @@ from .advanced import draw_folder
 from .parts import DrawsRows, draw_choice, draw_operators, draw_performers, draw_text, fold, panel, shows
 
 FORMATS = "3D points, blobs with their calibration, a .qtm or pictures"
+TEACH = "To teach a marker set of your own, open a take of it that has names, such as a standing trial"
 
 
 @panel("Take")
@@ -46,7 +47,9 @@ def take(layout, context):
     else:
         row.label(text=bpy.path.basename(path), icon="FILE")
     row.operator("mocap_autolabel.import_take", text="", icon="FILE_FOLDER")
-    if labelled:
+    if not labelled:
+        row.operator("mocap_autolabel.close_take", text="", icon="X")
+    else:
         row.operator("mocap_autolabel.clear", text="", icon="TRASH")
         _draw_rates(layout, context.scene, settings.take, settings.take[RATE])
     if path and (state.unfolded or not labelled):
@@ -116,11 +119,10 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
     if subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED":
         _draw_found(context, column, subjects, state)
     draw_performers(layout, subjects)
-    if state.doing:
+    if state.doing or (asks_which(state, settings) and not crowded_here(state, settings)):
         return
     row = layout.row(align=True)
     row.scale_y = 1.6
-    row.enabled = crowded_here(state, settings) or not asks_which(state, settings)
     if crowded_here(state, settings):
         row.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
     else:
@@ -151,12 +153,21 @@ def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
         words = "More than one fits. Which was worn?" if len(state.likely) > 1 else "It may be this one. Was it worn?"
         draw_text(context, layout, words, icon="ERROR")
         for one in state.likely:
+            draw_text(context, layout, _set_in_words(one.name))
             text = Path(one.name).name.removesuffix(SUFFIX)
             layout.operator("mocap_autolabel.label", text=f"Label as {text}", icon="PLAY").markerset = one.name
+        _draw_teaching(context, layout)
     elif state.unsure and told_here(state, context.scene.mocap_autolabel):
         draw_text(context, layout, f"The take {state.unsure}", icon="ERROR")
-        if context.scene.mocap_autolabel.source.named:
-            layout.operator("mocap_autolabel.learn_file", icon="PLAY")
+        _draw_teaching(context, layout)
+
+
+def _draw_teaching(context, layout: bpy.types.UILayout):
+    """How a set that none of the known ones is becomes known."""
+    if context.scene.mocap_autolabel.source.named:
+        layout.operator("mocap_autolabel.learn_file", icon="PLAY")
+    elif context.scene.mocap_autolabel.source.points_path:
+        draw_text(context, layout, TEACH, icon="INFO")
 
 
 @lru_cache

@@ -121,7 +121,7 @@ def frames_in_short(first: float, last: float) -> str:
 
 def in_short(stake: float) -> str:
     """A number of frames that fits beside a name."""
-    return f"{stake:.0f}" if stake < 1000 else f"{stake / 1000:.1f}k"
+    return f"{stake:.0f}" if round(stake) < 1000 else f"{stake / 1000:.0f}k"
 
 
 def draw_performers(layout: bpy.types.UILayout, subjects: bpy.types.PropertyGroup):

@@ -65,19 +65,19 @@ def review(layout, context):
         fill = row.operator("mocap_autolabel.fill_gaps", text="Fill", icon="KEYTYPE_GENERATED_VEC")
         fill.extent, fill.propose = "TAKE", settings.filling.propose
         row.operator("mocap_autolabel.smooth", icon="MOD_SMOOTH")
-        refit = row.row(align=True)
-        refit.enabled = is_opened(settings)
-        refit.operator("mocap_autolabel.label", text="Refit", icon="FILE_REFRESH")
         cutoff = kept_cutoff(settings.take)
         row = column.row(align=True)
         row.prop(settings.filling, "cutoff", text="Smooth above (Hz)" if cutoff is None else "Above (Hz)")
         if cutoff is not None:
             row.operator("mocap_autolabel.take_back_smoothing", text=f"Smoothed at {cutoff:g}", icon="X")
-        if settings.take[SOURCE] and not is_opened(settings):
-            draw_text(context, layout, f"To refit, open {bpy.path.basename(settings.take[SOURCE])} again", icon="INFO")
+        if is_opened(settings):
+            column.operator("mocap_autolabel.label", text="Label Again", icon="FILE_REFRESH")
+        elif settings.take[SOURCE]:
+            file = bpy.path.basename(settings.take[SOURCE])
+            draw_text(context, layout, f"To label it again, open {file}", icon="INFO")
         # At the end, as they come and go: nothing moves from below the pointer.
         if lost := without_armature(settings.take):
-            draw_text(context, layout, f"No armature in {listed(lost)}; Refit shows it again", icon="ERROR")
+            draw_text(context, layout, f"No armature in {listed(lost)}; Label Again shows it", icon="ERROR")
         if words := words_behind(context):
             draw_text(context, layout, words, icon="ERROR")
     _draw_played(layout, context)
@@ -134,10 +134,10 @@ class MOCAP_AUTOLABEL_UL_troubles(DrawsRows, bpy.types.UIList):
     """Troubles, the worst first: where, what about, and how many frames of a marker are at stake."""
 
     def draw_row(self, context, layout, item, index):
-        split = layout.split(factor=0.46, align=True)
+        split = layout.split(factor=0.49, align=True)
         frames = frames_in_short(item.first, item.last)
         split.operator("mocap_autolabel.show_trouble", text=frames, icon=ICONS[item.kind]).index = index
-        split = split.split(factor=0.62, align=True)
+        split = split.split(factor=0.68, align=True)
         split.label(text=item.name or item.kind)
         split.label(text="", icon="CHECKMARK") if item.answered else split.label(text=in_short(item.stake))
 

@@ -114,6 +114,11 @@ def test_a_dashed_line_lies_on_the_line_and_ends_where_it_does(extension):
     assert band[0].tolist() == [[0, -3], [10, 17], [10, 23], [0, 3]]
 
 
+def test_words_of_fills_that_are_close_stand_above_each_other(extension):
+    assert ours("ui.graph").rows_of([50.0, 0.0, 30.0, 120.0], [40.0, 40.0, 90.0, 10.0]) == [0, 0, 1, 0]
+    assert ours("ui.graph").rows_of([], []) == []
+
+
 @pytest.mark.parametrize(("left", "scale", "step"), [(105, 5.0, 1), (101, 0.4, 2)])
 def test_curves_are_of_what_is_seen(labelled, files, monkeypatch, left, scale, step):
     graph, drawn, stored = ours("ui.graph"), [], stored_take()

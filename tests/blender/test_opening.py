@@ -41,7 +41,7 @@ def drawn_in_take(monkeypatch) -> str:
     panels, layout = ours("ui.panels"), MagicMock()
     monkeypatch.setattr(panels, "draw_text", MagicMock())
     panels.take.draw(SimpleNamespace(layout=layout), bpy.context)
-    return str(layout.mock_calls)
+    return str([*layout.mock_calls, *panels.draw_text.mock_calls])
 
 
 def test_panels_are_few_and_a_person_sees_those_of_one_stage(shown):
@@ -90,7 +90,10 @@ def test_sets_that_are_not_sure_are_offered_an_own_one_first_and_none_is_taken(s
         assert [one.name for one in state.likely] == known[::-1]
         assert not settings.subjects.found
     assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
-    assert "'Label as body39'" in drawn_in_take(monkeypatch)
+    card = drawn_in_take(monkeypatch)
+    assert "'Label as body39'" in card and "text='Label'" not in card, "no button is there that cannot be pressed"
+    assert "'Plug-in Gait full body: 39 markers (body39)'" in card
+    assert ("learn_file" in card) == (settings.source.named > 0)
     refused("as well as", "label")
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 9, 2
     refused("are none", "label", markerset="body39")
@@ -101,6 +104,22 @@ def test_sets_that_are_not_sure_are_offered_an_own_one_first_and_none_is_taken(s
     assert settings.subjects.markerset == "body39"
     assert settings.take is not None
     assert not ours("ui.panels").asks_which(state, settings)
+
+
+def test_a_take_that_is_open_can_be_closed_and_what_is_labelled_stays(settings, tmp_path, monkeypatch):
+    write_c3d(tmp_path / "body39.c3d", standing(drawn("body39")))
+    opened(tmp_path, "body39.c3d")
+    settings.subjects.markerset = "body39"
+    press("label")
+    labelled = settings.take
+    assert "close_take" not in drawn_in_take(monkeypatch)
+    opened(tmp_path, "body39.c3d")
+    assert "close_take" in drawn_in_take(monkeypatch)
+    preview = settings.source.preview.name
+    press("close_take")
+    assert preview not in bpy.data.objects and not settings.source.points_path
+    assert list(ours("scene.take").takes_of(bpy.context.scene)) == [labelled]
+    refused("No take is open", "close_take")
 
 
 def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp_path, monkeypatch):
@@ -121,7 +140,7 @@ def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp
     panel = ours("ui.review")
     monkeypatch.setattr(panel, "draw_text", MagicMock())
     panel.review.draw(SimpleNamespace(layout=MagicMock()), bpy.context)
-    assert "To refit, open body39.c3d again" in str(panel.draw_text.mock_calls)
+    assert "To label it again, open body39.c3d" in str(panel.draw_text.mock_calls)
     assert not settings.subjects.found
     settings.subjects.found = str(tmp_path / f"gone{SUFFIX}")
     assert not props.found_here(settings.subjects)
@@ -150,9 +169,11 @@ def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path, monkeypatc
     assert "under Marker Set, or one that is trained" in state.unsure
     refused("none of the", "label")
     assert "none of the" in state.unsure, "it is still told, after the button was pressed"
-    assert "learn_file" not in drawn_in_take(monkeypatch)
+    card, teach = drawn_in_take(monkeypatch), ours("ui.panels").TEACH
+    assert "learn_file" not in card and teach in card
     settings.source.named = 3
-    assert "learn_file" in drawn_in_take(monkeypatch)
+    card = drawn_in_take(monkeypatch)
+    assert "learn_file" in card and teach not in card
     write_c3d(tmp_path / "other.c3d", standing(drawn("body39")))
     opened(tmp_path, "other.c3d")
     assert not state.unsure
@@ -236,7 +257,7 @@ def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
     write_c3d(tmp_path / "two.c3d", standing(drawn("gait15")))
     files = [{"name": "one.c3d"}, {"name": "two.c3d"}]
     refused("2 takes are chosen; expected one", "import_take", directory=tmp_path, files=files)
-    refused("need the calibration of their cameras; expected that to be opened", "import_take", filepath=room.blobs)
+    refused("of their cameras; expected both to be opened at once", "import_take", filepath=room.blobs)
     (tmp_path / "empty.csv").touch()
     refused(r"empty\.csv: is empty; expected a blob file", "import_take", filepath=tmp_path / "empty.csv")
     press("import_cameras", filepath=room.cameras)

@@ -97,6 +97,15 @@ def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_wha
     assert high >= low + 11, "names keep off the words of the view"
 
 
+def test_colours_are_explained_of_points_and_of_blobs(shown, marks, monkeypatch):
+    overlay, said = ours("ui.overlay"), []
+    monkeypatch.setattr(overlay, "draw_colours", lambda _, title, rows: said.append((title, [one for one, _ in rows])))
+    _, stored = shown
+    seen = marks.point_marks(stored, 10)
+    overlay._draw_counts(None, stored, seen, None)
+    assert said == [(f"{len(stored.names)} of {len(stored.names)} markers found", ["named", "doubtful"])]
+
+
 def test_of_a_take_that_a_person_hides_nothing_is_drawn(extension, empty, shown):
     [take] = takes.takes_of(empty.scene)
     empty.scene.mocap_autolabel.take = take

@@ -342,6 +342,10 @@ def test_a_graph_shows_just_what_is_meant_from_however_far_before(labelled):
         viewing.fit_graphs(bpy.context, 110, 115)
         ends.append([region.view2d.region_to_view(x, 0)[0] for x in (0, region.width)])
     assert ends == pytest.approx(np.array([[109, 116]] * 2), abs=0.1)
+    press("jump", frame=112, marker="LASI")
+    left, right = (region.view2d.region_to_view(x, 0)[0] for x in (0, region.width))
+    around = round(stored_take().rate)
+    assert ((left + right) / 2, right - left) == pytest.approx((112, 2.2 * around), abs=0.1), "and the row of a list"
 
 
 def test_an_armature_that_was_deleted_is_missed_until_it_is_shown_again(labelled, monkeypatch):
@@ -354,6 +358,6 @@ def test_an_armature_that_was_deleted_is_missed_until_it_is_shown_again(labelled
     assert "No armature" not in said()
     [armature] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
     bpy.data.objects.remove(armature)
-    assert "No armature in Mocap: walk; Refit shows it again" in said()
+    assert "No armature in Mocap: walk; Label Again shows it" in said()
     press("label")
     assert "No armature" not in said()

@@ -177,7 +177,7 @@ class TakeLabeller:
             for first, last, track in self.rereader.read_again(results, self.last):
                 if last == end and track is not None and self.track is not None:
                     self.track = track
-                chunk.suspect(first, last, "names did not suit the rest of the take and are new or gone")
+                chunk.suspect(first, last, "names did not suit the rest of the take and were given anew or taken back")
             name_by_tracklets(chunk.views, results, self.setup.rate)
         self.last = results.get(end) if chunk.views else self.last
 
@@ -311,8 +311,8 @@ class TakeLabeller:
             return track
         for index in range(since, at + 1):
             swap_names(chunk.results[index].naming, np.array(order))
-        names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
-        chunk.suspect(since, at, f"{names} had changed names and got them back")
+        names = tuple(self.setup.model.markerset.markers[marker] for marker in moved)
+        chunk.suspect(since, at, f"{', '.join(names)} had changed names and got them back", names)
         return track.doubting(moved, self.setup)
 
     def _looks_into(self, question, track: Track, result: FrameResult, *more):
@@ -352,9 +352,10 @@ class ChunkInWork:
         self.results: dict[int, FrameResult] = {}
         self.suspects: list[Suspect] = []
 
-    def suspect(self, first: int, last: int, reason: str):
-        """Notes frames `first` … `last` of the chunk."""
-        self.suspects.append(Suspect(int(self.blobs.frames[first]), int(self.blobs.frames[last]), reason))
+    def suspect(self, first: int, last: int, reason: str, markers: tuple[str, ...] = ()):
+        """Notes frames `first` … `last` of the chunk, and the markers that it is about."""
+        first, last = int(self.blobs.frames[first]), int(self.blobs.frames[last])
+        self.suspects.append(Suspect(first, last, reason, markers=markers))
 
     def is_fixed(self, index: int, markers: np.ndarray) -> bool:
         """Whether a person named blobs of any of the markers in a frame."""

@@ -11,7 +11,7 @@ from ..data.takes import BY_EDIT, NO_MARKER, Blobs, Labels, PointRows, Suspect
 from ..edits.kinds import NO_EDITS, Accepted, AssignPoint, Delete, Edits, PointEdit, Right, Swap, UnlabelMarker
 from .suspects import FAR_OFF, JUMPS, suspect_ranges
 
-PAIR = 2  # markers of which a doubt asks which is which
+PAIR = 2  # markers of which a doubt asks which is which, where it is about no trajectory
 
 
 def unanswered(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, int]) -> tuple[Suspect, ...]:
@@ -19,7 +19,7 @@ def unanswered(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, in
 
     What is asked about a marker is answered by its being right, about a pair of them by one of the two, about more by
     all; what is asked about the name of a trajectory, by its index in the file, by any edit of it, and by an exchange
-    of its markers. `names` are the indices of the markers, aliases too.
+    of its markers; and which of two is which by the name of one. `names` are the indices of the markers, aliases too.
     """
     left: list[Suspect] = []
     for suspect in suspects:
@@ -28,6 +28,8 @@ def unanswered(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, in
         about = edits.of(edit for edit in edits if own.keys() & set(edit.names) or _is_of_trajectory(edit, suspect))
         if not len(about):
             left.append(suspect)
+            continue
+        if suspect.trajectory is None and len(markers) == PAIR and any(isinstance(edit, AssignPoint) for edit in about):
             continue
         frames = np.arange(suspect.first, suspect.last + 1)
         right = right_in(about, own, frames)[:, sorted(markers)]

@@ -147,9 +147,13 @@ class TakeTrouble:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
         doubts, over = ([self._doubt(one) for one in some if FAR_OFF not in one.words] for some in (suspects, answered))
         found = [nobody(first, last, len(self.names)) for first, last, _, _ in self._nobody.of[0]]
-        found += [*self._of_missing(), *self._of_leftovers(), *self._of_body(), *doubts]
-        found = [_answered(one) if self._is_accepted(one) else one for one in found]
+        lacking = [self._judged(one) for one in self._of_missing()]
+        found += [*lacking, *self._of_leftovers(lacking), *self._of_body(), *doubts]
+        found = [self._judged(one) for one in found]
         return tuple(sorted([*found, *map(_answered, over)], key=lambda one: (one.answered, -one.stake, one.first)))
+
+    def _judged(self, one: Trouble) -> Trouble:
+        return _answered(one) if self._is_accepted(one) else one
 
     def _is_accepted(self, one: Trouble) -> bool:
         """Whether a person accepted what it says in all of its frames."""
@@ -177,15 +181,19 @@ class TakeTrouble:
             ranges = self._missing.of[self.names.index(nowhere[0])]
             yield never_found(nowhere, tuple(one[:2] for one in ranges))
 
-    def _of_leftovers(self) -> Iterator[Trouble]:
+    def _of_leftovers(self, lacking: Iterable[Trouble]) -> Iterator[Trouble]:
+        """What is left over, but for what the line of a missing marker is about; what lacks is asked about once."""
+        asked = {name for one in lacking if not one.answered for name in one.markers}
+        said = {name for one in lacking if one.answered for name in one.markers} - asked
         extra = []
         for one in self._left:
+            marker = "" if one.beside is None else self.names[one.beside]
             if settled_in(self.edits, one.trajectory, one.first, one.last):
-                yield _answered(left_over(one, "" if one.beside is None else self.names[one.beside]))
-            elif one.beside is None:
+                yield _answered(left_over(one, marker))
+            elif not marker or marker in said:
                 extra.append(one)
-            else:
-                yield left_over(one, self.names[one.beside])
+            elif marker not in asked:
+                yield left_over(one, marker)
         if extra:
             yield extras(extra)
 

@@ -96,11 +96,11 @@ def _distances(xyz: np.ndarray, others: np.ndarray) -> np.ndarray:
 MISSING, LEFT_OVER, OFF_BODY = "missing", "left over", "off the body"
 IN_DOUBT, OF_CAMERA, NOBODY_THERE = "doubtful", "camera", "nobody"
 # What helps.
-NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
+NAME_IT, FILL, UNLABEL, RIGHT = "name", "fill", "unlabel", "right"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
 # What doubts say that is answered in a way of its own.
 STAYS_UNNAMED = "stays unnamed"
-IT_IS_RIGHT, NOT_WORN, LEAVE_UNNAMED = "It Is Right", "Not Worn", "Leave Unnamed"
+IT_IS_RIGHT, NOT_WORN, LEAVE_UNNAMED, IS_NONE = "It Is Right", "Not Worn", "Leave Unnamed", "No Marker"
 Spans = tuple[tuple[int, int], ...]
 
 
@@ -117,7 +117,7 @@ class Trouble:
     markers: tuple[str, ...] = ()  # the markers that it is about, and
     trajectories: tuple[int, ...] = ()  # the trajectories of points, by their index in the file, and
     cameras: tuple[str, ...] = ()  # the cameras
-    # what does it: NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE, LABEL or DELETE; empty where only a person can
+    # what does it: NAME_IT, FILL, UNLABEL, RIGHT, REFINE, LABEL or DELETE; empty where only a person can
     action: str = ""
     answer: str = IT_IS_RIGHT  # what a person says who finds that nothing is to be mended, in the words of a button
     ranges: Spans = ()  # all frames that it is about, where that is not one range
@@ -151,7 +151,8 @@ class Trouble:
         """
         spans = self.spans
         if len(spans) <= LISTED:
-            if self.kind in (MISSING, OFF_BODY) or (self.kind == IN_DOUBT and self.markers and not self.trajectories):
+            about_markers = self.kind == IN_DOUBT and not self.trajectories and self.answer == IT_IS_RIGHT
+            if self.kind in (MISSING, OFF_BODY) or (about_markers and self.markers):
                 return [Right(name, frames=span) for name in self.markers for span in spans]
             if self.kind == LEFT_OVER:
                 return [Delete(number, frames=span) for number in self.trajectories for span in spans]
@@ -221,13 +222,13 @@ def never_found(names: Sequence[str], ranges: Spans) -> Trouble:
 def left_over(one: Leftover, marker: str) -> Trouble:
     """A point on the body without a name, beside which a marker is missing; empty where none is."""
     reason = f"trajectory {one.trajectory} is on the body and has no name in {words_of_frames(one.first, one.last)}"
-    advice, markers = "Say that it is no marker, or name it", (marker,) if marker else ()
+    advice, markers = f"Name it, or say {IS_NONE}", (marker,) if marker else ()
     if marker:
         reason += f"; {marker}, which is not found there, should be {one.distance * MM_PER_M:.0f} mm from it"
-        advice = f"Look whether it is {marker}; if so, name it, else delete it"
+        advice = f"Look whether it is {marker}; if so, name it, else say {IS_NONE}"
     return Trouble(
         LEFT_OVER, one.first, one.last, reason, advice, float(one.frames), markers, (one.trajectory,),
-        action=NAME_IT if marker else "", answer="No Marker",
+        action=NAME_IT if marker else "", answer=IS_NONE,
     )  # fmt: skip
 
 
@@ -235,11 +236,12 @@ def extras(many: Sequence[Leftover]) -> Trouble:
     """Points beside which no marker is missing, in one line: no label of the set is wrong by them."""
     numbers = tuple(dict.fromkeys(one.trajectory for one in many))
     who = f"trajectory {numbers[0]} is" if len(numbers) == 1 else f"{len(numbers)} trajectories are"
-    reason = f"{who} on the body without a name, {sum(one.frames for one in many)} frames in all, where no marker lacks"
-    advice = "Markers that the set lacks can be learned; what is none is no marker"
+    frames = sum(one.frames for one in many)
+    reason = f"{who} on the body without a name, {frames} frames in all, beside no missing marker"
+    advice = f"A marker set of your own can learn those that are markers; of the rest say {IS_NONE}"
     first, last = min(one.first for one in many), max(one.last for one in many)
     return Trouble(
-        LEFT_OVER, first, last, reason, advice, 0.0, (), numbers, action=DELETE, answer="No Marker"
+        LEFT_OVER, first, last, reason, advice, 0.0, (), numbers, action=DELETE, answer=IS_NONE
     )  # fmt: skip
 
 
@@ -280,8 +282,8 @@ def in_doubt(doubt: Suspect, on_body: bool, stake: float) -> Trouble:
         advice = f"It is off the body: look what it is; if it is nothing, say {LEAVE_UNNAMED}"
     elif tracks and len(markers) == PAIR:
         advice = f"Look which of {' and '.join(markers)} it is; name it so, or say {IT_IS_RIGHT}"
-    elif len(markers) == PAIR:
-        advice, action = f"Look which is which: swap them, or say {IT_IS_RIGHT}", SWAP
+    elif unnamed:
+        advice = f"Look which is which: name one of them, or say {LEAVE_UNNAMED}"
     elif markers:
         action = RIGHT
     answer = LEAVE_UNNAMED if unnamed else IT_IS_RIGHT

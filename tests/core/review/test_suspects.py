@@ -119,6 +119,7 @@ JUMPS = Suspect(12, 20, "A jumps", markers=("A",))
 NAMELESS = Suspect(12, 20, "may be D and stays unnamed", 7, ("D",))
 CHANGE = Suspect(14, 15, "goes over from A to B", 2, ("A", "B"))
 MANY = Suspect(12, 20, "A B C: jumps", markers=("A", "B", "C"))
+WHICH = Suspect(12, 20, "A and B may be either way round in the whole take: each stays unnamed", markers=("A", "B"))
 NOBODY = Suspect(12, 20, "the subject was lost")
 ALL = [(12, 20)]
 
@@ -141,6 +142,8 @@ ALL = [(12, 20)]
         (CHANGE, [Swap(("C", "D")), AssignPoint(3, "C")], [(14, 15)]),
         (MANY, [Right("A"), Right("B")], ALL),
         (MANY, [Right("A"), Right("B"), Right("C")], []),
+        (WHICH, [AssignPoint(7, "A", frames=(12, 14))], []),
+        (WHICH, [AssignPoint(7, "C")], ALL),
         (NOBODY, [Right("A"), Delete(2)], ALL),
     ],
 )

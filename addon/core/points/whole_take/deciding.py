@@ -220,17 +220,20 @@ def _asked(solution: Solution, target: float) -> list[Question]:
 
 
 def _questions(solution: Solution, asked: list[Question], names: Sequence[str], first: int) -> tuple[Suspect, ...]:
-    """What is asked, once for all of the take from the frame `first` on; of a marker, on its longest trajectory."""
+    """What is asked, once for all of the take from the frame `first` on; of a marker, on its longest trajectory.
+
+    Neither of the two has a name (`_believed`), so there is nothing to swap.
+    """
     questions, tracklets = {}, solution.tracklets
     for question in asked:
         pair = tuple(names[name] for name in (question.one, question.other) if name < len(names))
         span, lane = (0, len(tracklets.table) - 1), None
-        words = " and ".join(pair) + " may have each other's names in the whole take"
+        words = " and ".join(pair) + " may be either way round in the whole take: each stays unnamed"
         if len(pair) == 1:
             longest = np.where(solution.marker == question.one, tracklets.count, 0).argmax()
             span, lane = (int(tracklets.first[longest]), int(tracklets.last[longest])), int(tracklets.lane[longest])
             words = f"another marker sits where {pair[0]} may be: look which of the two it is"
-        questions[pair] = Suspect(span[0] + first, span[1] + first, words, lane, pair)
+        questions[frozenset(pair)] = Suspect(span[0] + first, span[1] + first, words, lane, pair)
     return tuple(questions.values())
 
 
