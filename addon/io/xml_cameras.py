@@ -23,7 +23,7 @@ XCP, QCA, MCAL = "a Vicon .xcp calibration", "a Qualisys calibration", "a Motive
 PIXEL_COEFFICIENT = 1e-4
 # Focal lengths are hundreds of px and the shapes of pixels near one; what is far below overflows where it divides.
 LEAST = 1e-6
-# px along a sensor: physical; calibrations for Theia look like Qualisys' but are in whole pixels
+# px along a sensor: physical; a calibration in whole pixels seems to have 31 of them
 LEAST_SENSOR = 100
 
 # Qualisys and Motive look along their own -z with y up, we along +z with y down.

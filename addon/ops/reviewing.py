@@ -24,7 +24,7 @@ from .viewing import bring_into_view, fit_graphs, marker_places
 BUTTONS = {
     FILL: ("fill_gaps", "Fill {}"),
     REFINE: ("refine_calibration", "Refine Calibration"),
-    LABEL: ("label", "Label Again"),
+    LABEL: ("label", "Refit"),
 }
 
 

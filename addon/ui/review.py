@@ -65,19 +65,19 @@ def review(layout, context):
         fill = row.operator("mocap_autolabel.fill_gaps", text="Fill", icon="KEYTYPE_GENERATED_VEC")
         fill.extent, fill.propose = "TAKE", settings.filling.propose
         row.operator("mocap_autolabel.smooth", icon="MOD_SMOOTH")
+        refit = row.row(align=True)
+        refit.enabled = is_opened(settings)
+        refit.operator("mocap_autolabel.label", text="Refit", icon="FILE_REFRESH")
         cutoff = kept_cutoff(settings.take)
         row = column.row(align=True)
         row.prop(settings.filling, "cutoff", text="Smooth above (Hz)" if cutoff is None else "Above (Hz)")
         if cutoff is not None:
             row.operator("mocap_autolabel.take_back_smoothing", text=f"Smoothed at {cutoff:g}", icon="X")
-        if is_opened(settings):
-            column.operator("mocap_autolabel.label", text="Label Again", icon="FILE_REFRESH")
-        elif settings.take[SOURCE]:
-            file = bpy.path.basename(settings.take[SOURCE])
-            draw_text(context, layout, f"To label it again, open {file}", icon="INFO")
+        if settings.take[SOURCE] and not is_opened(settings):
+            draw_text(context, layout, f"To refit, open {bpy.path.basename(settings.take[SOURCE])} again", icon="INFO")
         # At the end, as they come and go: nothing moves from below the pointer.
         if lost := without_armature(settings.take):
-            draw_text(context, layout, f"No armature in {listed(lost)}; Label Again shows it", icon="ERROR")
+            draw_text(context, layout, f"No armature in {listed(lost)}; Refit shows it again", icon="ERROR")
         if words := words_behind(context):
             draw_text(context, layout, words, icon="ERROR")
     _draw_played(layout, context)

@@ -140,7 +140,7 @@ def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp
     panel = ours("ui.review")
     monkeypatch.setattr(panel, "draw_text", MagicMock())
     panel.review.draw(SimpleNamespace(layout=MagicMock()), bpy.context)
-    assert "To label it again, open body39.c3d" in str(panel.draw_text.mock_calls)
+    assert "To refit, open body39.c3d again" in str(panel.draw_text.mock_calls)
     assert not settings.subjects.found
     settings.subjects.found = str(tmp_path / f"gone{SUFFIX}")
     assert not props.found_here(settings.subjects)

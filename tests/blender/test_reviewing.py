@@ -358,6 +358,6 @@ def test_an_armature_that_was_deleted_is_missed_until_it_is_shown_again(labelled
     assert "No armature" not in said()
     [armature] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
     bpy.data.objects.remove(armature)
-    assert "No armature in Mocap: walk; Label Again shows it" in said()
+    assert "No armature in Mocap: walk; Refit shows it again" in said()
     press("label")
     assert "No armature" not in said()

@@ -34,7 +34,7 @@ def test_a_take_is_named_after_three_clicks_esc_leaves_nothing_and_each_stage_fi
     assert tour["running after the click"]
     assert tour["after Esc"] == {"running": False, "take": False, "actions": 0}
     assert tour["labelled"]
-    assert {f"mocap_autolabel.{name}" for name in ("accept_trouble", "fill_gaps")} <= tour["to review"].keys()
+    assert {f"mocap_autolabel.{name}" for name in ("accept_trouble", "smooth")} <= tour["to review"].keys()
     assert {f"mocap_autolabel.{name}" for name in ("add_character", "export_c3d")} <= tour["to use"].keys()
     # Opened meanwhile, another file is no end of it; only a file that was never saved cannot be opened again.
     assert not tour["elsewhere"] and not tour["undone"] and tour["chosen"] == "body26"

@@ -53,7 +53,8 @@ def walk(seen: dict) -> Iterator[float]:
         yield from window.press("E", *other)
     seen["mended"] = [stage.dot(name) for name in SWAPPED] == [knee, other]
     with waited(steps, "fill all gaps", clicks=1):
-        yield from stage.press_button("fill_gaps")
+        places = yield from window.scroll_to(f"{OPERATOR}smooth")
+        yield from window.click(window.region("UI").x + 60, places[f"{OPERATOR}smooth"][1])  # Fill, beside it
         yield from stage.done(lambda: len(state().fills))
 
     bpy.context.view_layer.objects.active = rig
