@@ -65,7 +65,7 @@ def _exchanges(naming: Naming, state: State, setup: Setup) -> tuple[np.ndarray, 
     orders = np.concatenate([orders, setup.exchanges])
     slots = _exchanged_slots(naming, orders)
     changed = (slots[1:] != naming.rays).any(axis=(1, 2))
-    _, first = np.unique(slots[1:].reshape(len(orders), -1), axis=0, return_index=True)
+    _, first = np.unique(slots[1:].reshape(len(orders), naming.slot.size), axis=0, return_index=True)
     kept = np.array([index for index in np.sort(first) if changed[index]], dtype=int)
     return orders[kept], slots[np.append(0, 1 + kept)]
 

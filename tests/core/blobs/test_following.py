@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.blobs import sharing
+from addon.core.blobs import sharing, swaps
 from addon.core.blobs.image_tracklets import name_by_tracklets
 from addon.core.blobs.rereading import Rereader
 from addon.core.blobs.search import Hints, find_subject
-from addon.core.blobs.subject import Setup
+from addon.core.blobs.subject import Setup, refit
 from addon.core.blobs.swaps import swap_names
 from addon.core.blobs.tracking import FrameResult, Track, follow
 from addon.core.geometry.views import View
@@ -114,6 +114,16 @@ def test_what_suits_the_subject_is_left_alone_and_a_few_frames_are_not_judged():
     scene, setup, _, results = followed()
     exchange(scene, results, range(10), *FOOT)
     assert Rereader(setup).read_again(part_of(results, 0, 20), None) == []
+
+
+def test_of_markers_that_are_far_from_each_other_none_are_exchanged(monkeypatch):
+    _, setup, _, results = followed()
+    alone = replace(setup, exchanges=np.zeros((0, setup.model.marker_count), int))
+    monkeypatch.setattr(swaps, "_neighbours", lambda *_: np.zeros((0, 2), int))
+    reader, naming = Rereader(alone), results[40].naming
+    reader.read_again(results, None)
+    subject, state = refit(naming, reader.known.subject, alone, 2, alone.prior)
+    assert not len(swaps.try_swaps(naming, subject, state, alone, alone.prior).loss)
 
 
 def test_a_chunk_that_begins_wrong_is_read_from_the_one_before():
