@@ -39,10 +39,15 @@ def walking(markers, persons, count, seed=0, options=None, room="vicon12", camer
     recordings = people.takes(persons, "walk", "turn")
     for number in range(len(recordings) if count is None else count):
         generator = np.random.default_rng([seed, number])
-        take = at_rate(recordings[number % len(recordings)], RATE)
-        body = flesh(take.markers, take.xyz)
-        rig, xyz, move = _placed(take, markers, room, int(generator.integers(cameras[0], cameras[1] + 1)), generator)
-        yield captured(take.name, xyz, markers, rig, moved_flesh(body, slice(None), move), RATE, generator, options)
+        yield taken(recordings[number % len(recordings)], markers, generator, options, room, cameras)
+
+
+def taken(take: Take, markers, generator, options=None, room="vicon12", cameras=(6, 8)) -> Trial:
+    """A whole take at 60 Hz, as a random choice of cameras in `room` sees it."""
+    take = at_rate(take, RATE)
+    body = flesh(take.markers, take.xyz)
+    rig, xyz, move = _placed(take, markers, room, int(generator.integers(cameras[0], cameras[1] + 1)), generator)
+    return captured(take.name, xyz, markers, rig, moved_flesh(body, slice(None), move), RATE, generator, options)
 
 
 def at_rate(take, rate: float):

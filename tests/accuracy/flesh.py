@@ -49,6 +49,8 @@ class Flesh:
 def flesh(names, xyz: np.ndarray) -> Flesh:
     """The flesh of a person whose markers `names` are at xyz (T, P, 3) m; a part without its markers hides nothing."""
     at = {name: xyz[:, index] for index, name in enumerate(names)}
+    if "SACR" not in at:
+        at["SACR"] = (at["LPSI"] + at["RPSI"]) / 2
     head = np.mean([at[n] for n in ("LFHD", "RFHD", "LBHD", "RBHD") if n in at], axis=0)
     stature = HEAD_BAND_TO_STATURE * float(np.nanmax(head[:, 2]))
     parts: list[_Part] = []

@@ -34,7 +34,7 @@ from addon.io.models import open_model, write_model
 from addon.io.points import read_points
 
 from . import actors, people, plates, real_blobs, strangers, whole_takes
-from .captures import standing, walking
+from .captures import standing, taken, walking
 from .people import left_out_model
 
 PEERS = people.DATA.parent / "tools" / "peers" / "strangers.py"
@@ -213,6 +213,31 @@ def of_strangers(name: str, count: int, chosen_on: bool = False) -> Iterator[Tri
             yield Trial(f"{title} {trial.title}", partial(_in_image, trial, markerset))
 
 
+def in_a_ring(takes: Iterator[tuple[people.Take, MarkerSet]]) -> Iterator[Trial]:
+    """The first ten seconds of takes of other labs, as six to eight cameras see those who wear a set."""
+    for number, (take, markerset) in enumerate(takes):
+        part = take.part(0, int(10 * take.rate))
+        trial = taken(part, markerset.markers, np.random.default_rng([7, number]), room="ring")
+        yield Trial(take.name, partial(_in_image, trial, markerset))
+
+
+def strangers_takes() -> Iterator[tuple[people.Take, MarkerSet]]:
+    """Takes of actors and others, whose own markers stand for those of `body26`, and that set, learned without them."""
+    for take in strangers.in_body26():
+        yield take, left_out_model("body26", (take.subject,))
+
+
+def takes_of_other_labs(keep: Path) -> Iterator[tuple[people.Take, MarkerSet]]:
+    """Those who stand in Plug-in Gait, and `body39`."""
+    model = open_model("body39")
+    for trial in of_other_labs("plugin_gait", keep):
+        points, truth = _case(keep / "strangers" / "plugin_gait" / trial.take, model)
+        frame, lane = np.nonzero(truth >= 0)
+        xyz = np.full((len(truth), len(model.markerset), 3), np.nan)
+        xyz[frame, truth[frame, lane]] = points.xyz[frame, lane]
+        yield people.Take(trial.take, trial.take, model.markerset.markers, xyz, points.rate), model.markerset
+
+
 def _in_image(trial: people.Trial, markerset: MarkerSet) -> Outcome:
     def labelled() -> np.ndarray:
         (chunk,) = label_blobs([trial.blobs], trial.cameras, markerset, trial.rate)
@@ -305,7 +330,8 @@ def of_strangers_takes(how: whole_takes.Pieces | None) -> Iterator[Trial]:
         yield Trial(take.name, partial(labelled_points, points, truth, model))
 
 
-def _of_other_lab(place: Path, model: Model, worn: AbstractSet[str] | None = None) -> Outcome:
+def _case(place: Path, model: Model) -> tuple[Points, np.ndarray]:
+    """A case's points, and which marker of the model each is (T, P), -1 where none."""
     points, index = read_points(place / "cloud.c3d"), {name: at for at, name in enumerate(model.markerset.markers)}
     rows = [line.split(",") for line in (place / "truth.csv").read_text(encoding="utf-8").splitlines()[1:]]
     # A piece is one marker's for as long as it lasts.
@@ -314,8 +340,13 @@ def _of_other_lab(place: Path, model: Model, worn: AbstractSet[str] | None = Non
     frame, lane = np.nonzero(points.present)
     truth = np.full(points.xyz.shape[:2], -1)
     truth[frame, lane] = of_column[points.numbers(points.standing.at(frame, lane))]
+    return points, truth
+
+
+def _of_other_lab(place: Path, model: Model, worn: AbstractSet[str] | None = None) -> Outcome:
+    points, truth = _case(place, model)
     if worn is not None:
-        away = np.isin(truth, [at for name, at in index.items() if name not in worn])
+        away = np.isin(truth, [at for at, name in enumerate(model.markerset.markers) if name not in worn])
         points, truth = replace(points, xyz=np.where(away[..., None], np.nan, points.xyz)), np.where(away, -1, truth)
     return labelled_points(points, truth, model)
 
@@ -348,6 +379,8 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
         for title, more in CURVES.items():
             found[f"curve {title} {name}"] = partial(in_images, standing, name, CURVE, **more)
     found["blobs strangers"] = partial(of_strangers, "body26", DRAWS)
+    found["blobs strangers' takes, body26"] = lambda: in_a_ring(strangers_takes())
+    found["blobs strangers' takes, body39"] = lambda: in_a_ring(takes_of_other_labs(keep))
     found["strangers' frames that numbers were chosen on"] = partial(of_strangers, "body26", DRAWS, True)
     found["blobs real"] = partial(recorded, keep)
     for kind in ("plugin_gait", "still", "plates", "animal_hand"):

@@ -143,6 +143,8 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: frames in no order": {"points.whole_take.pipeline.is_unordered": lambda *_: False},
     "frames: limbs exchanged": {"points.likelihood.solving._exchanged": lambda *_: []},
     "blobs: rereading": {"blobs.rereading.Rereader.read_again": lambda *_: ()},
+    "blobs: names taken back": {"blobs.rereading.Rereader._withdrawn": lambda *_: []},
+    "blobs: markers worn elsewhere": {"blobs.pipeline.TakeLabeller._found_elsewhere": lambda _, chunk, __: chunk},
     "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda _, track, *__: track},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
