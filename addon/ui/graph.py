@@ -84,7 +84,7 @@ def draw():
             draw_fills(pixels, places, seen, clock, colour, dash)
             for fill in seen:
                 x = places.origin[0] + places.scale[0] * clock.shown(fill.first)
-                said.append((words_of(fill), x, colour))
+                said.append((words_of(fill), x + 2 * SPACE * scale, colour))  # beside the line of the current frame
         widths = [_letters.width(words + "  ", LETTERS * scale) for words, *_ in said]
         rows = rows_of([x for _, x, _ in said], widths)
         lines_of_words = [scale * (WORDS_FOOT + WORDS_LINE * row) for row in rows]
