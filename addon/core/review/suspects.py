@@ -18,6 +18,7 @@ MAX_BREAK_FRAMES = 5  # format: between two findings that a list shows as one ra
 MAX_ALIKE = 2  # format: findings with one reason that have entries of their own; more are one entry
 MAX_ENTRIES = 40  # format: in a list of doubtful ranges, as many as a person works through
 FAR_OFF, JUMPS = "is far from where the body has it", "jumps"
+EITHER_WAY = "may be either way round"  # what is said of two markers without a name
 OF_ROOM = "the room seems"  # how sentences about a room as a whole begin
 
 

@@ -118,6 +118,7 @@ def test_what_was_answered_is_no_doubt(take, edit):
 JUMPS = Suspect(12, 20, "A jumps", markers=("A",))
 NAMELESS = Suspect(12, 20, "may be D and stays unnamed", 7, ("D",))
 CHANGE = Suspect(14, 15, "goes over from A to B", 2, ("A", "B"))
+TWO = Suspect(12, 20, "A B: jumps", markers=("A", "B"))
 MANY = Suspect(12, 20, "A B C: jumps", markers=("A", "B", "C"))
 WHICH = Suspect(12, 20, "A and B may be either way round in the whole take: each stays unnamed", markers=("A", "B"))
 NOBODY = Suspect(12, 20, "the subject was lost")
@@ -140,6 +141,8 @@ ALL = [(12, 20)]
         (CHANGE, [Swap(("B", "A"), frames=(15, 40))], []),
         (CHANGE, [Right("B", frames=(15, 15))], []),
         (CHANGE, [Swap(("C", "D")), AssignPoint(3, "C")], [(14, 15)]),
+        (TWO, [AssignPoint(2, "A")], ALL),
+        (TWO, [Right("A", frames=(12, 14))], [(15, 20)]),
         (MANY, [Right("A"), Right("B")], ALL),
         (MANY, [Right("A"), Right("B"), Right("C")], []),
         (WHICH, [AssignPoint(7, "A", frames=(12, 14))], []),
