@@ -91,13 +91,14 @@ def _of_one_reason(found: list[Suspect], max_break: float) -> list[Suspect]:
 
 def _as_one(found: list[Suspect], words: str) -> Suspect:
     """One entry for several, which is about the frames and markers of all."""
+    first, last = min(one.first for one in found), max(one.last for one in found)
     return replace(
         found[0],
-        first=min(one.first for one in found),
-        last=max(one.last for one in found),
+        first=first,
+        last=last,
         words=words,
         markers=tuple(dict.fromkeys(name for one in found for name in one.markers)),
-        doubtful=sum(one.frames for one in found),
+        doubtful=min(sum(one.frames for one in found), last - first + 1),  # they may share some
     )
 
 

@@ -42,6 +42,8 @@ def test_a_marker_away_from_the_body_and_a_jump_are_found_and_a_gap_and_a_steady
 def test_findings_with_one_reason_are_one_and_trajectories_are_listed_by_number():
     found = summarised([Suspect(30, 31, "A jumps"), Suspect(10, 12, "A jumps"), Suspect(40, 40, "B jumps")], RATE)
     assert found == (Suspect(10, 31, "A jumps"), Suspect(40, 40, "B jumps"))
+    [twice] = summarised([Suspect(10, 19, "names are new"), Suspect(12, 19, "names are new")], RATE)
+    assert (twice.first, twice.last, twice.frames) == (10, 19, 10)
     found = summarised([Suspect(first, first + 1, "A jumps") for first in range(0, 1000, 100)], RATE)
     assert found == (Suspect(0, 901, "A jumps, in 10 places"),)
     many = [Suspect(index, index + 900, f"trajectory {index} goes over from A to M{index}") for index in range(100)]
