@@ -135,7 +135,7 @@ class TakeLabeller:
 
         What was found of the subject is known then, and what was not is looked for as far off as labs differ. Where
         another loses its name by that, the marker is not worn. Without it people of other labs lose 1 % of their names.
-        By two cameras there is no telling: their rays always meet somewhere.
+        By two cameras there is no telling: their rays always meet somewhere. Where it was found is as it was.
         """
         known = self.rereader.known
         if known is None or known.known.all() or 0 not in chunk.results or len(self.setup.cameras) < 3:
@@ -153,7 +153,8 @@ class TakeLabeller:
         lost = known.known & (new.found < known.found - REREADING.min_frames // 2)
         if lost.any() or not (new.known & ~known.known).any():
             return chunk
-        vars(self).update(vars(other))
+        again.suspects += [one for one in chunk.suspects if one.words.startswith(WHOLE_FRAME)]
+        vars(self).update(vars(other) | {"found": self.found})
         return again
 
     def steps(self, chunk: "ChunkInWork") -> Iterator[Step]:

@@ -85,11 +85,16 @@ def worth_of(model: Model, points: np.ndarray) -> float:
 
 
 def middle_of(take: Points) -> Points:
-    """The part of a take that is tried: around the middle of the frames that show as many points as is usual."""
+    """The part of a take that is tried: around the middle of the frames that show as many points as is usual.
+
+    Without frames before and after that show nothing: of no marker they say that it is seldom there.
+    """
     count = points_at_a_time(take.xyz)
     shown = np.flatnonzero(count >= max(np.median(count), 1))
     half, middle = max(round(TRIED_S * take.rate / 2), 1), int(shown[len(shown) // 2]) if len(shown) else 0
     rows = slice(max(middle - half, 0), min(middle + half, len(take.xyz)))
+    there = rows.start + np.flatnonzero(count[rows])
+    rows = slice(int(there[0]), int(there[-1]) + 1) if len(there) else rows
     first = take.first_frame + rows.start
     lanes = None if take.lanes is None else take.lanes.between(rows.start, rows.stop)
     return replace(take, xyz=take.xyz[rows], residual=take.residual[rows], first_frame=first, lanes=lanes)

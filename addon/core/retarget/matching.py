@@ -218,12 +218,23 @@ def match_names(bones: RestBones) -> dict[str, int]:
         foot = first.get(f"foot.{part[-1]}", [bones.parents[first[part][-1]]])[-1]
         if sum(one[:-1] == first[part][:-1] and foot in bones.above(one[-1]) for one in found[part]) > 1:
             del first[part]
-    named = {part: one[-1] for part, one in first.items()}
+    return _suiting(bones, {part: one[-1] for part, one in first.items()}, found)
+
+
+def _suiting(
+    bones: RestBones, named: dict[str, int], found: Mapping[str, Sequence[tuple[float, ...]]]
+) -> dict[str, int]:
+    """The named parts with thighs that go down and, where constraints hold nothing, no shoulder that carries no arm.
+
+    `found` has all bones that are called like each part: what comes before a thigh goes to the side in the pelvis, and
+    may be called likewise.
+    """
+    named = dict(named)
     for side in BODY_SIDES:
         shoulder, arm, thigh = (f"{part}.{side}" for part in ("shoulder", "upper_arm", "thigh"))
         if not bones.held and {shoulder, arm} <= named.keys() and named[shoulder] not in bones.above(named[arm]):
             del named[shoulder]
-        if thigh in named:  # what comes before goes to the side in the pelvis, and may be called likewise
+        if thigh in named:
             chain = _chain(bones, named[thigh])
             down = chain[int(np.argmax(_downwards(bones, chain)))]
             named[thigh] = down if down in [one[-1] for one in found[thigh]] else named[thigh]

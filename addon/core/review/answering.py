@@ -9,9 +9,9 @@ import numpy as np
 
 from ..data.takes import BY_EDIT, NO_MARKER, Blobs, Labels, PointRows, Suspect
 from ..edits.kinds import NO_EDITS, Accepted, AssignPoint, Delete, Edits, PointEdit, Right, Swap, UnlabelMarker
-from .suspects import FAR_OFF, JUMPS, suspect_ranges
+from .suspects import EITHER_WAY, FAR_OFF, JUMPS, suspect_ranges
 
-PAIR = 2  # markers of which a doubt asks which is which, where it is about no trajectory
+PAIR = 2  # markers of which a doubt asks which is which
 
 
 def unanswered(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, int]) -> tuple[Suspect, ...]:
@@ -29,7 +29,7 @@ def unanswered(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, in
         if not len(about):
             left.append(suspect)
             continue
-        if suspect.trajectory is None and len(markers) == PAIR and any(isinstance(edit, AssignPoint) for edit in about):
+        if EITHER_WAY in suspect.words and any(isinstance(edit, AssignPoint) for edit in about):
             continue
         frames = np.arange(suspect.first, suspect.last + 1)
         right = right_in(about, own, frames)[:, sorted(markers)]

@@ -18,6 +18,7 @@ MAX_BREAK_FRAMES = 5  # format: between two findings that a list shows as one ra
 MAX_ALIKE = 2  # format: findings with one reason that have entries of their own; more are one entry
 MAX_ENTRIES = 40  # format: in a list of doubtful ranges, as many as a person works through
 FAR_OFF, JUMPS = "is far from where the body has it", "jumps"
+EITHER_WAY = "may be either way round"  # what is said of two markers without a name
 OF_ROOM = "the room seems"  # how sentences about a room as a whole begin
 
 
@@ -90,13 +91,14 @@ def _of_one_reason(found: list[Suspect], max_break: float) -> list[Suspect]:
 
 def _as_one(found: list[Suspect], words: str) -> Suspect:
     """One entry for several, which is about the frames and markers of all."""
+    first, last = min(one.first for one in found), max(one.last for one in found)
     return replace(
         found[0],
-        first=min(one.first for one in found),
-        last=max(one.last for one in found),
+        first=first,
+        last=last,
         words=words,
         markers=tuple(dict.fromkeys(name for one in found for name in one.markers)),
-        doubtful=sum(one.frames for one in found),
+        doubtful=min(sum(one.frames for one in found), last - first + 1),  # they may share some
     )
 
 

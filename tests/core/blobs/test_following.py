@@ -9,7 +9,7 @@ import pytest
 
 from addon.core.blobs import sharing, swaps
 from addon.core.blobs.image_tracklets import name_by_tracklets
-from addon.core.blobs.rereading import Rereader
+from addon.core.blobs.rereading import Rereader, known_subject_of
 from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup, refit
 from addon.core.blobs.swaps import swap_names
@@ -137,7 +137,7 @@ def test_a_chunk_that_begins_wrong_is_read_from_the_one_before():
     assert not wrong_names(scene, views[40:], rest).any()
 
 
-def test_what_suits_the_subject_in_no_reading_loses_its_name():
+def test_what_suits_the_subject_in_no_reading_loses_its_name_unless_a_person_gave_it():
     """From a frame on a toe's marker is hidden, and one that is not of the set is seen before it."""
     scene, hidden = walk(), slice(50, None)
     toe, markers = scene.markerset.index("RTOE"), scene.points.copy()
@@ -149,7 +149,11 @@ def test_what_suits_the_subject_in_no_reading_loses_its_name():
     scene = replace(scene, blobs=seen.blobs, truth=seen.truth)
     setup, views, results = follow_all(scene)
     assert wrong_names(scene, views, results)[hidden].min() == len(RIG)
-    first, last, track = Rereader(setup).read_again(results, None)[-1]
+    reader, naming = Rereader(setup), results[60].naming
+    naming.frame.fixed = np.where(np.arange(len(scene.markerset)) == toe, naming.slot, -1)
+    known = known_subject_of([results[index] for index in range(50)], setup, None)
+    assert not reader._withdrawn(results, np.array([60]), known) and (naming.slot[:, toe] >= 0).all()
+    first, last, track = reader.read_again(results, None)[-1]
     assert not wrong_names(scene, views, results).any()
     assert (first, last) == (50, 71) and track is not None, "the track goes on without that name"
 

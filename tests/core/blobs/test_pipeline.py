@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.pipeline import TakeLabeller, label_take
-from addon.core.blobs.search import NO_HINTS, Hints
+from addon.core.blobs.search import FINDING, NO_HINTS, Hints
 from addon.core.blobs.subject import TIMED_STAGES, Setup
 from addon.core.blobs.tracking import FOLLOWING_STEPS
 from addon.core.data.takes import NO_MARKER, NO_STEP, Labels
+from addon.core.review.answering import WHOLE_FRAME
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, disturbed
 from addon.core.simulation.virtual import Act
@@ -61,7 +62,7 @@ def test_a_walk_is_named(name):
     assert whole.found.all() and not whole.suspects
 
 
-def test_a_marker_that_somebody_wears_elsewhere_is_found():
+def test_a_marker_that_somebody_wears_elsewhere_is_found(monkeypatch):
     """12 cm off, farther than single frames look; where it is not worn, nothing has its name, or loses one by it."""
     scene = walk("body26")
     marker = scene.markerset.index("C7")
@@ -69,8 +70,10 @@ def test_a_marker_that_somebody_wears_elsewhere_is_found():
     own[:, marker, 0] += 0.07
     scene = film(scene.markerset, RIG, replace(scene.bodies, own=own), ROOM)
     worn = np.array(["C7" in truth.split("|") for truth in scene.truth])
+    monkeypatch.setattr(FINDING, "clear_confidence", 1.0)
     whole = Outcome(scene)
     assert whole.right[worn].mean() > 0.99 and whole.wrong <= 0.0005 * whole.given.sum()
+    assert any(one.words.startswith(WHOLE_FRAME) for one in whole.suspects), "how sure the start was is still said"
     without = Outcome(scene, ~worn)
     assert not (without.marker == marker).any()
     assert without.right.mean() > 0.999

@@ -45,6 +45,14 @@ def test_a_built_in_set_is_found(name):
     assert names(drawn(name)) == [name]
 
 
+def test_the_set_of_somebody_who_is_there_for_a_moment_is_found():
+    take = standing(drawn("body39"))
+    xyz = np.full((10 * FRAMES, *take.xyz.shape[1:]), np.nan)
+    xyz[5 * FRAMES : 5 * FRAMES + FRAMES // 2] = take.xyz[: FRAMES // 2]
+    worn, _ = finished(set_worn(replace(take, xyz=xyz, residual=np.zeros(xyz.shape[:2])), KNOWN))
+    assert worn is not None and worn.markerset.name == "body39"
+
+
 def without(name: str, *some: str) -> np.ndarray:
     """(M, 3) m a person in a set who does not wear some of its markers."""
     return np.delete(drawn(name), [open_model(name).markerset.index(one) for one in some], axis=0)

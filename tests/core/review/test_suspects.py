@@ -42,6 +42,8 @@ def test_a_marker_away_from_the_body_and_a_jump_are_found_and_a_gap_and_a_steady
 def test_findings_with_one_reason_are_one_and_trajectories_are_listed_by_number():
     found = summarised([Suspect(30, 31, "A jumps"), Suspect(10, 12, "A jumps"), Suspect(40, 40, "B jumps")], RATE)
     assert found == (Suspect(10, 31, "A jumps"), Suspect(40, 40, "B jumps"))
+    [twice] = summarised([Suspect(10, 19, "names are new"), Suspect(12, 19, "names are new")], RATE)
+    assert (twice.first, twice.last, twice.frames) == (10, 19, 10)
     found = summarised([Suspect(first, first + 1, "A jumps") for first in range(0, 1000, 100)], RATE)
     assert found == (Suspect(0, 901, "A jumps, in 10 places"),)
     many = [Suspect(index, index + 900, f"trajectory {index} goes over from A to M{index}") for index in range(100)]
@@ -118,6 +120,7 @@ def test_what_was_answered_is_no_doubt(take, edit):
 JUMPS = Suspect(12, 20, "A jumps", markers=("A",))
 NAMELESS = Suspect(12, 20, "may be D and stays unnamed", 7, ("D",))
 CHANGE = Suspect(14, 15, "goes over from A to B", 2, ("A", "B"))
+TWO = Suspect(12, 20, "A B: jumps", markers=("A", "B"))
 MANY = Suspect(12, 20, "A B C: jumps", markers=("A", "B", "C"))
 WHICH = Suspect(12, 20, "A and B may be either way round in the whole take: each stays unnamed", markers=("A", "B"))
 NOBODY = Suspect(12, 20, "the subject was lost")
@@ -140,6 +143,8 @@ ALL = [(12, 20)]
         (CHANGE, [Swap(("B", "A"), frames=(15, 40))], []),
         (CHANGE, [Right("B", frames=(15, 15))], []),
         (CHANGE, [Swap(("C", "D")), AssignPoint(3, "C")], [(14, 15)]),
+        (TWO, [AssignPoint(2, "A")], ALL),
+        (TWO, [Right("A", frames=(12, 14))], [(15, 20)]),
         (MANY, [Right("A"), Right("B")], ALL),
         (MANY, [Right("A"), Right("B"), Right("C")], []),
         (WHICH, [AssignPoint(7, "A", frames=(12, 14))], []),

@@ -173,6 +173,7 @@ def test_what_answers_a_trouble_fits_it():
     away = even()
     away[30:40, 2, 0] += 0.285
     unnamed = Suspect(20, 29, "may be LHEE and stays unnamed", 7, ("LHEE",))
+    several = Suspect(20, 29, f"trajectories 7 8: as {unnamed.reason}", markers=("LHEE", "RHEE"))
     for found, answer in (
         (trouble(without("LHEE")), "Not Worn"),
         (trouble(without("LHEE", frames=slice(20, 160))), "Not Seen"),
@@ -180,10 +181,12 @@ def test_what_answers_a_trouble_fits_it():
         (trouble(away), "It Is Right"),
         (trouble(even(), suspects=[ALIKE]), "Leave Unnamed"),
         (trouble(even(), suspects=[unnamed]), "Leave Unnamed"),
+        (trouble(even(), suspects=[several]), "Leave Unnamed"),
         (trouble(even(), suspects=[ROOM]), "Calibration Is Right"),
     ):
         assert found[0].answer == answer, found[0].reason
         assert "say" not in found[0].advice or answer in found[0].advice, found[0].advice
+        assert ("which is which" in found[0].advice) == ("either way" in found[0].reason)
     [edit] = trouble(even(), suspects=[ALIKE])[0].answers()
     assert edit == Accepted(ALIKE.words, frames=(20, 29)), "markers without a name are not right as they are"
 

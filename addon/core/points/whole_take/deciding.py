@@ -14,6 +14,7 @@ import numpy as np
 from ...data.lanes import PACKING, Lanes, blocks, trajectories_at
 from ...data.made import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
+from ...review.suspects import EITHER_WAY
 from ..likelihood.model import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over, gone_over_between, vote
@@ -228,7 +229,7 @@ def _questions(solution: Solution, asked: list[Question], names: Sequence[str], 
     for question in asked:
         pair = tuple(names[name] for name in (question.one, question.other) if name < len(names))
         span, lane = (0, len(tracklets.table) - 1), None
-        words = " and ".join(pair) + " may be either way round in the whole take: each stays unnamed"
+        words = " and ".join(pair) + f" {EITHER_WAY} in the whole take: each stays unnamed"
         if len(pair) == 1:
             longest = np.where(solution.marker == question.one, tracklets.count, 0).argmax()
             span, lane = (int(tracklets.first[longest]), int(tracklets.last[longest])), int(tracklets.lane[longest])
