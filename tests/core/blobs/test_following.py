@@ -158,6 +158,19 @@ def test_what_suits_the_subject_in_no_reading_loses_its_name_unless_a_person_gav
     assert (first, last) == (50, 71) and track is not None, "the track goes on without that name"
 
 
+def test_what_comes_step_by_step_to_where_it_does_not_suit_keeps_its_name():
+    scene = walk()
+    toe, heel, markers = scene.markerset.index("RTOE"), scene.markerset.index("RHEE"), scene.points.copy()
+    farther = np.interp(np.arange(len(markers)), [40, 55], [1.0, 1.4])[:, None]
+    markers[:, toe] = markers[:, heel] + farther * (markers[:, toe] - markers[:, heel])
+    seen = joined(capture(markers, scene.markerset.markers, RIG, CaptureOptions(noise=0.3)))
+    setup, _, results = follow_all(replace(scene, blobs=seen.blobs, truth=seen.truth))
+    before = [(result.naming.slot[:, toe] >= 0).sum() for result in results.values()]
+    Rereader(setup).read_again(results, None)
+    assert [(result.naming.slot[:, toe] >= 0).sum() for result in results.values()] == before
+    assert min(before) >= len(RIG) - 1
+
+
 FRAMES = range(30, 38)
 
 
