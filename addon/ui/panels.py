@@ -119,11 +119,12 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
     if subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED":
         _draw_found(context, column, subjects, state)
     draw_performers(layout, subjects)
-    if state.doing or (asks_which(state, settings) and not crowded_here(state, settings)):
+    crowded = crowded_here(state, settings)
+    if state.doing or (asks_which(state, settings) and not crowded):
         return
     row = layout.row(align=True)
     row.scale_y = 1.6
-    if crowded_here(state, settings):
+    if crowded:
         row.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
     else:
         row.operator("mocap_autolabel.label", text="Label Again" if again else "Label", icon="PLAY")

@@ -7,6 +7,7 @@ Memory does not grow with the take: one chunk of frames is held, and of the past
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -123,11 +124,12 @@ class TakeLabeller:
         `known` is where in it somebody `found` the subject, who is then not looked for first.
         """
         views, first = split_views(blobs, self.setup.cameras), self.rereader.known is None
-        chunk, again = (ChunkInWork(blobs, views, seeds, self.setup.model.marker_count, known) for _ in range(2))
+        work = partial(ChunkInWork, blobs, views, seeds, self.setup.model.marker_count, known)
+        chunk = work()
         for _ in self.steps(chunk):
             pass
         if first:
-            chunk = self._found_elsewhere(chunk, again)
+            chunk = self._found_elsewhere(chunk, work())
         return chunk.labelled(self.setup)
 
     def _found_elsewhere(self, chunk: "ChunkInWork", again: "ChunkInWork") -> "ChunkInWork":

@@ -18,6 +18,7 @@ from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..papers.virtual_occlusions.cost import RayPull
 from ..papers.virtual_occlusions.fit import fit_body
 from ..papers.virtual_occlusions.labelling import Naming
+from ..review.suspects import runs
 from .subject import Setup, Subject, expect, name, named_pull, refit
 from .swaps import MAX_EXCHANGES, SWAP_STEPS, SWAPS, swap_names, try_swaps
 from .tracking import Followed, FrameResult, Track, advanced, difference, follow
@@ -109,18 +110,17 @@ class Rereader:
         """
         if not len(frames):
             return []
-        _, off = self._judged([results[index] for index in frames.tolist()], known)
-        rules, changed = self.setup.rules, set()
-        for marker, rows in _leaps(frames, off, rules.max_on_point):
-            for index in frames[rows][off[rows, marker] > rules.max_square].tolist():
+        rules, changed = self.setup.rules, np.zeros(frames[-1] + 1, bool)
+        off = np.zeros((len(changed), self.setup.model.marker_count))
+        _, off[frames] = self._judged([results[index] for index in frames.tolist()], known)
+        for marker, start, stop in _leaps(off, rules.max_on_point):
+            for index in (start + np.flatnonzero(off[start:stop, marker] > rules.max_square)).tolist():
                 naming = results[index].naming
                 camera = np.flatnonzero((naming.slot[:, marker] >= 0) & (naming.frame.fixed[:, marker] < 0))
                 if len(camera):
                     naming.withdraw(camera, np.full(len(camera), marker))
-                    changed.add(index)
-        order = np.array(sorted(changed), int)
-        runs = np.split(order, np.flatnonzero(np.diff(order) > 1) + 1)
-        ends = [(int(run[0]), int(run[-1])) for run in runs if len(run)]
+                    changed[index] = True
+        ends = [(start, stop - 1) for start, stop in runs(changed)]
         model = self.setup.model
         return [(first, last, known.track(results.get(last - 1), results[last], model)) for first, last in ends]
 
@@ -209,19 +209,17 @@ class Rereader:
         return Followed(advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
 
 
-def _leaps(frames: np.ndarray, off: np.ndarray, least: float) -> Iterator[tuple[int, np.ndarray]]:
-    """Markers, and rows of the frames (K,) one after the other in which each is `off` (K, M) by more than the least.
+def _leaps(off: np.ndarray, least: float) -> Iterator[tuple[int, int, int]]:
+    """Markers, and ranges without their stop in which each is `off` (F, M) by more than the least; 0 is not found.
 
     Only where it came to that at once, since it was found last.
     """
     strain = np.sqrt(off)
-    marker, row = np.nonzero((off > least).T)
-    begins = np.flatnonzero((np.diff(frames[row], prepend=-2) != 1) | (np.diff(marker, prepend=-1) != 0))
-    for run in np.split(np.arange(len(row)), begins)[1:]:
-        name, rows = int(marker[run[0]]), row[run]
-        before = strain[: rows[0], name]
-        if strain[rows[0], name] - before[before > 0][-1:].sum() > SIGMAS:
-            yield name, rows
+    for marker in np.flatnonzero((off > least).any(axis=0)).tolist():
+        for start, stop in runs(off[:, marker] > least):
+            before = strain[:start, marker]
+            if strain[start, marker] - before[before > 0][-1:].sum() > SIGMAS:
+                yield marker, start, stop
 
 
 def _stretches(doubtful: np.ndarray, results: Mapping[int, FrameResult]) -> list[tuple[int, int]]:
