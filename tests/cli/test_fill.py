@@ -186,6 +186,13 @@ def test_a_name_that_is_there_twice_is_told_apart(run, holed, tmp_path):
     assert all(row["missing"] >= 0 for row in rows.values())
     assert {row["marker"] for row in report["filled"]} == told
     assert {row["marker"] for row in rows_of(tmp_path / "full.filled.csv")} == told
+    third = next(name for name in reversed(names) if name not in ("", first))
+    own = f"{first} ({take.names.index(second)})"  # the file's own name for another
+    write_c3d(tmp_path / "twice.c3d", replace(take, names=tuple(own if name == third else name for name in names)))
+    assert run("fill", tmp_path / "twice.c3d", "--out", tmp_path / "full.c3d", "--overwrite").status == 0
+    report = report_of(tmp_path / "full.c3d")
+    assert len(report["provenance"]["markers"]) == report["markers"] == len(names) - 1
+    assert {row["marker"] for row in report["filled"]} == {first, own.replace(")", f") ({take.names.index(second)})")}
 
 
 def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, tmp_path):
