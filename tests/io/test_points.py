@@ -287,9 +287,10 @@ def test_a_trc_holds_points_without_a_name_behind_those_with_one(tmp_path, named
     refused("and three for each point more", read_points, path)
 
 
-def test_motive_export(tmp_path):
+@pytest.mark.parametrize("kind", ["Marker", "Unlabeled Marker"])
+def test_motive_export(tmp_path, kind):
     path = tmp_path / "take.csv"
-    path.write_text(motive(), encoding="utf-8")
+    path.write_text(motive().replace(",Marker" * 3 + "\n", f",{kind}" * 3 + "\n"), encoding="utf-8")
     take = read_points(path)
     assert take.names == ("Ann:LASI", "")
     assert (take.rate, take.first_frame) == (120, 0)
@@ -406,6 +407,14 @@ def test_a_rate_that_a_text_does_not_say_may_be_given_and_times_are_not_held_aga
     (tmp_path / name).write_text(text)
     take = read_points(tmp_path / name, rate=85.0, up="z")
     assert (take.rate, take.notes) == (85.0, ())
+
+
+def test_the_last_frame_of_a_trc_may_be_without_points_where_its_line_has_an_end(tmp_path):
+    path, text = tmp_path / "take.trc", TRC.format(rate="100", rows="1\t0.00\t1\t2\t3\n2\t0.01\t4\t5\t6\n3\t0.02\n")
+    path.write_text(text)
+    assert read_trc(path).frames == 3
+    path.write_text(text[:-1])
+    refused("ends in the middle of a row", read_points, path)
 
 
 @pytest.mark.parametrize(
