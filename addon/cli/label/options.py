@@ -252,12 +252,10 @@ def unused(arguments, kinds: set[bool]) -> list[str]:
         notes.append("--cameras is not looked at for 3D points, which need no calibration")
     if arguments.mirror and False in kinds:
         notes.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
-    several = arguments.subjects != 1 or bool(arguments.subject)
-    fitted = not several and plain_method(arguments.method) in ("auto", "fit")
-    if arguments.target != USUAL_TARGET and fitted and False in kinds:
-        notes.append("--target is not looked at for blobs that are named by method fit, which has none")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
     if hints:
+        several = arguments.subjects != 1 or bool(arguments.subject)
+        fitted = not several and plain_method(arguments.method) in ("auto", "fit")
         deaf = [kind for kind in sorted(kinds) if kind or not fitted]
         what = " and ".join("3D points" if kind else "blobs" for kind in deaf)
         verb = "is" if len(hints) == 1 else "are"
