@@ -758,6 +758,11 @@ def take_name(source: SourceSettings) -> str:
     return written(name.removesuffix(".blobs").removesuffix("_blobs") or name)
 
 
+def as_typed(number: float) -> float:
+    """A setting as somebody typed it: of 0.999 and 59.94 Blender keeps 32 bits, which are other numbers in 64."""
+    return float(str(np.float32(number)))
+
+
 def scene_of_lists() -> bpy.types.Scene:
     """The scene whose take the tables are of where a window shows it, for a timer: to that the first window is all."""
     windows, number = bpy.context.window_manager.windows, bpy.context.window_manager.mocap_autolabel.of_scene

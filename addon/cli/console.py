@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from ..core.data.errors import ForceableError, InputError, JobError, UserError, spelt_out
 from ..core.data.progress import Progress, finished
+from ..core.data.wording import count_of
 
 # What systems and Python say where there is no memory, other than by MemoryError.
 OUT_OF_MEMORY = (
@@ -66,10 +67,16 @@ def _line(error: Exception) -> str:
 
 Result = TypeVar("Result")
 PROGRAM = "mocap-autolabel"
-RENUMBERED = "no .c3d can say these frame numbers: its frames are numbered from 0"
 # A terminal hears often, a log file now and then, s.
 TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
 AGAIN = 0.02  # s after which a request to stop that Python could not raise is made again
+
+
+def not_in_c3d(report: dict) -> list[str]:
+    """What of a take no C3D file can say as it is, in sentences."""
+    frames = "no .c3d can say these frame numbers: its frames are numbered from 0"
+    names = f"no .c3d can hold {count_of(len(report.get('c3d_names', {})), 'name')}: c3d_names of the report has others"
+    return [words for key, words in (("c3d_first_frame", frames), ("c3d_names", names)) if key in report]
 
 
 def open_streams():

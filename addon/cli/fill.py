@@ -8,7 +8,7 @@ from ..core.filling.filling import FILL_METHODS
 from ..io.models import open_model
 from ..jobs.fill import FillJob, fill_file
 from .arguments import add_options, job_of, names, whole
-from .console import RENUMBERED, report_work
+from .console import not_in_c3d, report_work
 
 DESCRIPTION = """Fills the gaps of a labelled take, a .c3d, .trc or .tsv. Measured samples stay as they are; filled ones
 have the residual 0 in FILE.c3d. FILE.filled.csv says of each gap the method and the mean error to expect,
@@ -63,6 +63,4 @@ def _lines(result: dict) -> list[str]:
         lines.append(f"left: {len(result['left']) - LEFT_SHOWN} more, see --json")
     if result["never_seen"]:
         lines.append(f"never seen, so not filled: {', '.join(result['never_seen'])}")
-    if "c3d_first_frame" in result:
-        lines.append(RENUMBERED)
-    return lines + result["notes"]
+    return [*lines, *not_in_c3d(result), *result["notes"]]

@@ -7,7 +7,7 @@ from ..core.data.wording import count_of
 from ..jobs.job import told_by_capture
 from ..jobs.rebuild import RebuildJob, rebuild_file
 from .arguments import OWN_CAMERAS, add_options, job_of
-from .console import RENUMBERED, report_work
+from .console import not_in_c3d, report_work
 
 DESCRIPTION = """Finds the points in space that the unnamed blobs of several cameras show, and joins them into unnamed
 trajectories *1, *2, … with gaps: what `label` takes when only 3D points are known. Residuals are in the file."""
@@ -37,6 +37,4 @@ def _lines(result: dict) -> list[str]:
     well = f"residual {result['residual_mm']:.2f} mm, noise {result['noise_px']:.2f} px"
     pace = f"{result['frames'] / max(result['seconds'], 1e-9):.0f} frames/s"
     lines = [f"{result['out']}: {count_of(result['frames'], 'frame')}, {many}", f"{explained}, {well}, {pace}"]
-    if "c3d_first_frame" in result:
-        lines.append(RENUMBERED)
-    return [*lines, *result.get("calibration", []), *result.get("capture", [])]
+    return [*lines, *not_in_c3d(result), *result.get("calibration", []), *result.get("capture", [])]

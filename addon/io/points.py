@@ -33,7 +33,8 @@ TEXT_READERS = {".trc": read_trc, ".tsv": read_tsv, ".csv": read_csv}
 MAX_WIDE_CELLS = 2_000_000
 
 
-_UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ :_-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
+# Of Vicon, Motive, and QTM, which calls a label New 0001 until somebody names it; format.
+_UNLABELLED = re.compile(r"\*\d*|(?:unlabell?ed|unidentified)[ :_-]?\d*|new \d{4,}|u(?:name)?\*\d+|", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -237,7 +237,7 @@ def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path)
         if filled > named and (filled - 2) % 3:
             raise InputError(f"has {filled} fields; expected {named}, and three for each point more", path, number)
         # What is behind the named points has no length of its own.
-        if number == len(lines) and (len(fields) < 3 or (not ended and len(fields) < min(width, named))):
+        if number == len(lines) and not ended and len(fields) < min(width, named):
             raise InputError(f"ends in the middle of a row; expected {named} fields", path, number)
         width = len(fields)
         yield number, fields
@@ -323,7 +323,7 @@ ABOUT_TAKE = re.compile(r"take |capture |total frames in take")  # settings; all
 OPENINGS = ("format version", "take name")
 
 # Where a file has several kinds of marker, the first of these is what the cameras saw.
-MARKER_KINDS = ("marker", "unlabeled marker", "rigid body marker", "bone marker")
+MARKER_KINDS = ("marker", "rigid body marker", "bone marker")
 
 
 def is_csv_of_points(path: Path) -> bool:
@@ -415,7 +415,8 @@ def _markers(
     starts: dict[str, list[tuple[str, int]]] = {}
     column = 2
     while column + 2 < len(names):
-        kind = kinds[column].strip().lower().removesuffix(" (measured)") if column < len(kinds) else "marker"
+        kind = kinds[column].strip().lower() if column < len(kinds) else "marker"
+        kind = kind.removeprefix("unlabeled ").removesuffix(" (measured)")
         here = names[column : column + 3]
         position = all(field.strip() == "Position" for field in properties[column : column + 3]) if properties else True
         if position and len(set(here)) == 1:

@@ -133,13 +133,15 @@ def find_up(
     seen = _stands_along(frames, base) or _stands_along(frames, base, GHOSTS)
     up = seen if seen and (not word or word in UNSURE_WORDS) else base
     says = f"says that {word} is up" if word else "does not say which axis is up"
-    notes = []
+    what = ""
     if up != (word or usual):
         why = "by how the points stand" if up == seen else "as programs write that of such worlds"
-        notes = [f"the file {says}, but {up} was taken {why} (an up axis that is given overrules this)"]
+        what = f"but {up} was taken {why}"
     elif seen not in ("", up):
-        notes = [f"the file {says}, but its points stand along {seen} (an up axis that is given overrules this)"]
-    return Upright(up, tuple(notes))
+        what = f"but its points stand along {seen}"
+    elif not (word or seen):
+        what = f"nor do its points tell: {up} was taken, as is usual"
+    return Upright(up, (f"the file {says}, {what} (an up axis that is given overrules this)",) if what else ())
 
 
 def _some_frames(xyz: np.ndarray | Scaled, names: Sequence[str], lanes: Lanes | None) -> np.ndarray:

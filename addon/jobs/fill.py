@@ -75,8 +75,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         own = [take.names[index] for index in named]
         subjects = _subjects_of(job, own)
         wanted = FillOptions(job.method, job.max_gap, _wanted(job, own))
-        # A name that was there before has its place behind it.
-        names = [name if name not in own[:place] else f"{name} ({place})" for place, name in enumerate(own)]
+        names = _told_apart(own)
         shown = take.picked(named)
         work = fill_subjects(shown.xyz, take.rate, wanted, subjects)
         filled = yield from within(work, 0.0, 0.95)
@@ -108,6 +107,17 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         origins = _origins(shown, names, before, job.source).of_markers(rows, None)
         write_json(page, sealed(report | {"provenance": {**made, "results": results, "markers": origins}}))
     return report | {"out": str(job.out), "seconds": round(perf_counter() - begin, 3)}
+
+
+def _told_apart(own: Sequence[str]) -> list[str]:
+    """The names; one that was there before has its place behind it, and is no other's then."""
+    names: list[str] = []
+    for place, name in enumerate(own):
+        told = name
+        while told in names or (told != name and told in own):
+            told += f" ({place})"
+        names.append(told)
+    return names
 
 
 def _origins(take: Points, names: Sequence[str], report: dict | None, source: Path) -> SampleOrigins:

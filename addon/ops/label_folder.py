@@ -17,7 +17,7 @@ from ..io.cameras import write_cameras
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.text import written
 from ..jobs.pages import SUMMARY_TABLE
-from ..props import SceneSettings, list_rows, subjects_asked
+from ..props import SceneSettings, as_typed, list_rows, subjects_asked
 from ..scene import cameras as scene_cameras
 from ..scene.later import redraw
 from .base import Ours, operator, unless
@@ -107,10 +107,10 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     if many := {1: "", AUTO: "auto"}.get(asked["subjects"], asked["subjects"]):
         line.append(f"--subjects={many}")
     line += ["--watch", "--resume", "--summary", "--html", "--blend", f"--method={labelling.method}"]
-    line += [f"--target={labelling.target}", f"--jobs={folder.jobs}"]
+    line += [f"--target={as_typed(labelling.target)}", f"--jobs={folder.jobs}"]
     line += [] if folder.watch else ["--idle=0"]
     line += ["--overwrite"] if folder.overwrite else []
-    line += [f"--occlusion={labelling.occlusion}", f"--rate={settings.source.rate}"] if blobs else []
+    line += [f"--occlusion={labelling.occlusion}", f"--rate={as_typed(settings.source.rate)}"] if blobs else []
     return [*line, "--", str(source)], table, blobs
 
 

@@ -306,9 +306,10 @@ def test_a_folder_is_labelled_and_its_takes_opened(ready):
 
 def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(ready, many):
     settings, module = ready.settings, ready.module
-    settings.folder.watch = True
+    settings.folder.watch, settings.source.rate = True, 59.94
     line, table, blobs = module.folder_line(settings)
     assert blobs
+    assert {"--target=0.999", "--rate=59.94"} <= {*line}
     assert "--idle=0" not in line
     batch = module.FolderBatch(
         line, table, module.scene_cameras.cameras_of(settings.source.cameras, ready.context.scene)

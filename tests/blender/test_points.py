@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER
+from addon.core.points.models import USUAL_TARGET
 from addon.io.c3d.file import C3dFile
 from addon.io.c3d.lab import read_lab
 from addon.io.markersets import open_markerset
@@ -172,6 +173,7 @@ def test_a_capture_brings_its_cameras_and_its_rate(settings, qtm):
     assert settings.source.cameras == chosen, "the scene's own are the file's"
     labelling = ours("ops.labelling")
     assert labelling.job_of(bpy.context).use == "blobs"
+    assert labelling.job_of(bpy.context).target == USUAL_TARGET, "and not what 32 bits make of it"
     press("import_points", filepath=path)
     assert (settings.source.points_path, settings.source.trajectories) == (str(path), 4)
     assert labelling.job_of(bpy.context).use == "points"

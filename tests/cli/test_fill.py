@@ -186,6 +186,22 @@ def test_a_name_that_is_there_twice_is_told_apart(run, holed, tmp_path):
     assert all(row["missing"] >= 0 for row in rows.values())
     assert {row["marker"] for row in report["filled"]} == told
     assert {row["marker"] for row in rows_of(tmp_path / "full.filled.csv")} == told
+    third = next(name for name in reversed(names) if name not in ("", first))
+    own = f"{first} ({take.names.index(second)})"  # the file's own name for another
+    write_c3d(tmp_path / "twice.c3d", replace(take, names=tuple(own if name == third else name for name in names)))
+    assert run("fill", tmp_path / "twice.c3d", "--out", tmp_path / "full.c3d", "--overwrite").status == 0
+    report = report_of(tmp_path / "full.c3d")
+    assert len(report["provenance"]["markers"]) == report["markers"] == len(names) - 1
+    assert {row["marker"] for row in report["filled"]} == {first, own.replace(")", f") ({take.names.index(second)})")}
+
+
+def test_a_name_that_no_c3d_can_hold_is_told(run, holed, tmp_path):
+    take = read_points(holed / "walk.trc")
+    names = (take.names[0] + 300 * "x", *take.names[1:])
+    write_trc(tmp_path / "long.trc", replace(take, names=names))
+    said = run("fill", tmp_path / "long.trc", "--out", tmp_path / "full.c3d").done().out
+    assert "no .c3d can hold 1 name: c3d_names of the report has others" in said
+    assert report_of(tmp_path / "full.c3d")["c3d_names"] == {names[0]: names[0][:255]}
 
 
 def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, tmp_path):

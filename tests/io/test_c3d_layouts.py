@@ -325,6 +325,13 @@ def test_subjects_are_said_anew_where_the_file_names_others(tmp_path):
     both, one = read_points(out), tmp_path / "one.c3d"
     write_c3d(one, both, both.trial, ["Jörg"])
     assert otherwise(out, one) == [], "of two whom the file names, both stay named where one is written"
+    bare, prefixed = tmp_path / "bare.c3d", replace(both, names=("Jörg:C7", *both.names[1:]))
+    write_c3d(bare, both, both.trial)
+    assert otherwise(out, bare, anew=("SUBJECTS",)) == []
+    said = ezc3d.c3d(str(bare))["parameters"]["SUBJECTS"]
+    assert (said["NAMES"]["value"], said["USES_PREFIXES"]["value"]) == (["1", "Jörg"], [0])
+    write_c3d(bare, prefixed, both.trial)
+    assert otherwise(out, bare) == []
 
 
 def test_a_file_that_changed_or_went_meanwhile_or_has_no_room_is_one_sentence(tmp_path):

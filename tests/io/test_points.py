@@ -287,9 +287,10 @@ def test_a_trc_holds_points_without_a_name_behind_those_with_one(tmp_path, named
     refused("and three for each point more", read_points, path)
 
 
-def test_motive_export(tmp_path):
+@pytest.mark.parametrize("kind", ["Marker", "Unlabeled Marker"])
+def test_motive_export(tmp_path, kind):
     path = tmp_path / "take.csv"
-    path.write_text(motive(), encoding="utf-8")
+    path.write_text(motive().replace(",Marker" * 3 + "\n", f",{kind}" * 3 + "\n"), encoding="utf-8")
     take = read_points(path)
     assert take.names == ("Ann:LASI", "")
     assert (take.rate, take.first_frame) == (120, 0)
@@ -315,6 +316,13 @@ def test_a_motive_export_whose_rows_have_no_titles_is_read_as_one_with_them(tmp_
     take = read_points(path)
     assert take.names == ("Ann:LASI", "")
     np.testing.assert_allclose(take.xyz[0], [[0.1, 0.2, 1.0], [0.011, -0.033, 0.022]])
+
+
+def test_what_programs_call_points_that_nobody_named_is_no_name(tmp_path):
+    names = "A", "New 0000", "New 12345", "Unidentified 3", "unlabeled_7", "*12", "U*7", "New foot", "New 12", "U1"
+    write_c3d_file(tmp_path / "a.c3d", names, np.ones((2, len(names), 3)), np.zeros((2, len(names))), 100.0, 1)
+    found = read_points(tmp_path / "a.c3d").names
+    assert [name for name in found if name] == ["A", "New foot", "New 12", "U1"]
 
 
 @pytest.mark.parametrize("sheet", [True, False])  # as a spreadsheet saves it, which fills up rows with commas
@@ -397,8 +405,16 @@ def test_events_that_a_c3d_has_no_room_for_are_left_out_and_told(tmp_path):
 )
 def test_a_rate_that_a_text_does_not_say_may_be_given_and_times_are_not_held_against_it(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    take = read_points(tmp_path / name, rate=85.0)
+    take = read_points(tmp_path / name, rate=85.0, up="z")
     assert (take.rate, take.notes) == (85.0, ())
+
+
+def test_the_last_frame_of_a_trc_may_be_without_points_where_its_line_has_an_end(tmp_path):
+    path, text = tmp_path / "take.trc", TRC.format(rate="100", rows="1\t0.00\t1\t2\t3\n2\t0.01\t4\t5\t6\n3\t0.02\n")
+    path.write_text(text)
+    assert read_trc(path).frames == 3
+    path.write_text(text[:-1])
+    refused("ends in the middle of a row", read_points, path)
 
 
 @pytest.mark.parametrize(
@@ -604,6 +620,15 @@ def test_arms_spread_out_and_who_lies_are_no_height_and_nothing_to_look_at_leave
         assert find_up("", turned(person(walks=False, lies=True), up), NAMES, usual=up).axis == up
     nowhere = np.full((50, len(NAMES), 3), np.nan)
     assert (find_up("-Z", nowhere, NAMES).axis, find_up("", nowhere, NAMES, usual="+Y").axis) == ("+Z", "+Y")
+
+
+def test_where_neither_the_file_nor_its_points_tell_what_was_taken_is_noted():
+    """Somebody in a wheelchair before the origin, as long as tall, with no marker near the floor, and y up."""
+    sits = np.random.default_rng(0).uniform((-1.0, 0.47, -0.6), (0.2, 1.3, 0.2), (50, 40, 3))
+    found = find_up("", sits, ("",) * 40)
+    assert found.axis == "+Z"
+    assert "does not say which axis is up, nor do its points tell: +Z was taken" in found.notes[0]
+    assert find_up("+Z", sits, ("",) * 40).notes == ()
 
 
 @pytest.mark.parametrize("up", ["+Z", "+Y"])

@@ -13,7 +13,7 @@ from ...core.data.wording import count_of
 from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
 from ...io.provenance import INSTEAD, REPORT
 from ...jobs.job import LabelJob, results_of
-from ..console import ProgressLine, complain, of_take, print_results
+from ..console import ProgressLine, complain, not_in_c3d, of_take, print_results
 from .options import summary_of
 
 
@@ -28,12 +28,12 @@ def as_line(report: dict) -> str:
     unit = f", no known unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     if "filled" in report:
         pace += f", {len(report['filled']):,} of {count_of(len(report['filled']) + len(report['left']), 'gap')} filled"
-    first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
-    frames, more = count_of(report["frames"], "frame"), "".join(f"; {words}" for words in _remarks(report))
+    remarks = [*not_in_c3d(report), *_remarks(report)]
+    frames, more = count_of(report["frames"], "frame"), "".join(f"; {words}" for words in remarks)
     if report.get("changed_in_all"):
         pace += f", compared with before {report['changed_in_all']}"
     look = f"; {report['to_look_at']}" if report.get("to_look_at") else ""
-    return f"{report['take']}: {frames}, {named:,} of {count_of(count, thing)} named{pace}{unit}{first}{more}{look}"
+    return f"{report['take']}: {frames}, {named:,} of {count_of(count, thing)} named{pace}{unit}{more}{look}"
 
 
 def doubts_in(report: dict) -> list[str]:

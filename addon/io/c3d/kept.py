@@ -3,7 +3,7 @@
 
 import re
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -23,6 +23,7 @@ EVENT_FLAGS, EVENT_LABELS = slice(376, 394), slice(396, 468)
 NEW_KEY = 12345  # of what is there
 
 TURNS_START = "ROTATION:DATA_START"
+USES_PREFIXES = "SUBJECTS:USES_PREFIXES"
 MAX_RECORD = 65535  # bytes behind the name; format: 16 bits say where the next one is
 NO_ROOM = "has more names than a C3D file has room for, with all else that it says; expected fewer or shorter names"
 
@@ -84,6 +85,12 @@ class Kept:
     def knows(self, subjects: Collection[str]) -> bool:
         """Whether the file names all of these subjects."""
         return "SUBJECTS:NAMES" in self.file.parameters and {*subjects} <= {*self.file.texts("SUBJECTS:NAMES")}
+
+    def lacks_prefixes(self, labels: Iterable[str]) -> bool:
+        """Whether subjects' names stand before those of markers by what the file says, and before none of these."""
+        prefixes, names = (self.file.all_texts().get(f"SUBJECTS:{one}", ()) for one in ("LABEL_PREFIXES", "NAMES"))
+        said = tuple(filter(None, prefixes)) or tuple(f"{name}:" for name in names if name)
+        return self.file.whole(USES_PREFIXES) > 0 and not any(label.startswith(said) for label in labels)
 
     def group_numbers(self) -> dict[str, int]:
         """The number of each group by its name."""

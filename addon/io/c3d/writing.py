@@ -16,7 +16,7 @@ from ...core.data.made import Table
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ..samples import TextHead
 from .file import BLOCK, INTEL, MASK_KEY, TrialFile
-from .kept import NO_ROOM, TURNS_START, Kept, kept_of, packed_record
+from .kept import NO_ROOM, TURNS_START, USES_PREFIXES, Kept, kept_of, packed_record
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
 RESIDUAL_STEP = 0.05
@@ -95,8 +95,7 @@ def write_c3d_file(
         ours = _ours(labels, frames, rate, units.scale, first, kept)
         if isinstance(trial, TextHead):
             ours |= _of_head(trial)
-        if subjects:
-            ours |= _subjects(subjects, kept)
+        ours |= _subjects(subjects, labels, kept)
         events, notes = trial.events if isinstance(trial, TextHead) else (), []
         if some := _events(ours, events[:MAX_EVENTS], rate):
             ours |= some
@@ -285,15 +284,17 @@ def _events(ours: Parameters, events: Sequence[tuple[str, float]], rate: float) 
     return found
 
 
-def _subjects(names: Sequence[str], kept: Kept | None) -> Parameters:
-    """What says that the names of subjects stand before those of markers; all of them where the file knows more."""
+def _subjects(names: Sequence[str], labels: Sequence[str], kept: Kept | None) -> Parameters:
+    """What says whether the names of subjects stand before those of markers; all of them where the file knows more."""
+    if not names:
+        return {USES_PREFIXES: _words(0)} if kept and kept.lacks_prefixes(labels) else {}
     found = {}
     if kept is not None and kept.knows(names):
         names = kept.file.texts("SUBJECTS:NAMES")
     else:
         found = {"SUBJECTS:USED": _words(len(names)), "SUBJECTS:NAMES": _table(names)}
     prefixes = [f"{name}:" if name else "" for name in names]
-    return found | {"SUBJECTS:USES_PREFIXES": _words(1), "SUBJECTS:LABEL_PREFIXES": _table(prefixes)}
+    return found | {USES_PREFIXES: _words(1), "SUBJECTS:LABEL_PREFIXES": _table(prefixes)}
 
 
 def _words(number: int) -> tuple[int, tuple[int, ...], bytes]:
