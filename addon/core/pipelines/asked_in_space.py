@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Names that a fitted body gave to blobs, asked about in space by the objective that names takes of points.
 
-A body that is followed keeps the names that it began with: two markers of a forearm that a lab wears the other way
-round have each other's in all of the take, and the body bends to them. The distances between all markers tell. Of
-two names that they would have otherwise, or that nothing tells apart, neither is given, and a person is asked.
+A body that is followed keeps the names that it began with, and bends to them: two markers of a forearm that a lab wears
+the other way round, or an arm that is named one place on. The distances between all points tell. Of two names that they
+have otherwise, or do not tell apart, neither is given, and a person is asked.
 """
 
 from collections.abc import Iterable, Iterator
@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from ..blobs.rereading import REREADING
 from ..data.progress import finished
-from ..data.takes import Blobs, LabelledChunk, Motion, Points, Suspect
+from ..data.takes import Blobs, LabelledChunk, Points, Suspect
 from ..edits.kinds import AssignBlob, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
@@ -22,6 +22,7 @@ from ..points.models import Model
 from ..points.tracklets import cut
 from ..points.whole_take.deciding import can_be_solved, pairs_in_doubt, words_of_pair
 from ..points.whole_take.pipeline import PointOptions, name_frames, solution_for
+from .through_points import PointsOfBlobs
 
 Pairs = list[tuple[int, int]]
 
@@ -44,20 +45,33 @@ def asked_in_space(
     pairs: Pairs | None = None if len(cameras) > 2 else []
     for blobs, chunk in zip(chunks, labelled, strict=True):
         if pairs is None and np.count_nonzero(chunk.motion.confidence) >= REREADING.min_frames:
-            pairs = [pair for pair in pairs_of(chunk.motion, model, rate, target) if named.isdisjoint(pair)]
+            pairs = pairs_of(chunk, points_without_names(blobs, chunk, cameras, rate), model, rate, target)
+            pairs = [pair for pair in pairs if named.isdisjoint(pair)]
         yield _without(blobs, chunk, pairs, cameras, model) if pairs else chunk
 
 
-def pairs_of(motion: Motion, model: Model, rate: float, target: float) -> Pairs:
-    """Which markers of a motion may be which others, by the distances between them."""
-    points = Points(model.markerset.markers, motion.markers, motion.residual, rate, int(motion.frames[0]))
-    tracklet = cut(points.xyz, rate)
+def pairs_of(chunk: LabelledChunk, rest: Points | None, model: Model, rate: float, target: float) -> Pairs:
+    """Which markers of a chunk may be which others, by the distances between them and all other points."""
+    xyz, residual = chunk.motion.markers, chunk.motion.residual
+    tracklet = cut(xyz, rate)
     if not can_be_solved(model, tracklet):
         return []
+    if rest is not None:
+        others = cut(rest.xyz, rate, rest.lanes)
+        tracklet = np.hstack([tracklet, np.where(others >= 0, others + tracklet.max() + 1, others)])
+        xyz, residual = np.hstack([xyz, rest.xyz[:]]), np.hstack([residual, rest.residual[:]])
+    take = Points(("",) * xyz.shape[1], xyz, residual, rate, int(chunk.motion.frames[0]))
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
-        frames = finished(name_frames(points, tracklet, model, PointOptions("likelihood", target, force=True)))
+        frames = finished(name_frames(take, tracklet, model, PointOptions("likelihood", target, force=True)))
         solution = finished(solution_for(frames, frames.labels, tracklet))
     return [] if solution is None else pairs_in_doubt(solution, len(model.markerset), target)
+
+
+def points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, rate: float) -> Points | None:
+    """The points that blobs without a name make, None where they make none: a chain of names may be one place on."""
+    points = PointsOfBlobs(cameras, rate)
+    points.add(blobs.part(slice(0, len(blobs.frames)), np.flatnonzero(~chunk.labels.named)))
+    return points.take() if len(points.spans.lasting(points.frames)) else None
 
 
 def _without(blobs: Blobs, chunk: LabelledChunk, pairs: Pairs, cameras: Cameras, model: Model) -> LabelledChunk:

@@ -243,18 +243,17 @@ def words_of_pair(pair: Sequence[str]) -> str:
 
 
 def pairs_in_doubt(solution: Solution, columns: int, target: float) -> list[tuple[int, int]]:
-    """The markers of which a solution doubts that they are the columns of their number, each with what it may be.
+    """The markers of which a solution doubts which is which, where its first columns are the M markers by their names.
 
-    Of points whose columns are the M markers by their names so far: what is asked for the target, and columns that are
-    another marker for most of the time.
+    That is what is asked for the target, and columns that are another marker for most of the time.
     """
     pairs = [(one.one, one.other) for one in _asked(solution, target) if max(one.one, one.other) < columns]
     tracklets, count = solution.tracklets, np.zeros((columns, columns))
-    named = solution.marker != NO_MARKER
-    np.add.at(count, (tracklets.lane[named], solution.marker[named]), tracklets.count[named])
-    there = np.bincount(tracklets.lane, tracklets.count, columns)
-    other = np.flatnonzero(2 * count.max(axis=1) > there)
-    pairs += [(one, int(count[one].argmax())) for one in other.tolist()]
+    own = tracklets.lane < columns
+    some = own & (solution.marker != NO_MARKER)
+    np.add.at(count, (tracklets.lane[some], solution.marker[some]), tracklets.count[some])
+    there = np.bincount(tracklets.lane[own], tracklets.count[own], columns)
+    pairs += [(int(one), int(count[one].argmax())) for one in np.flatnonzero(2 * count.max(axis=1) > there)]
     return sorted({(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]})
 
 
