@@ -68,9 +68,15 @@ def pairs_of(chunk: LabelledChunk, rest: Points | None, model: Model, rate: floa
 
 
 def points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, rate: float) -> Points | None:
-    """The points that blobs without a name make, None where they make none: a chain of names may be one place on."""
+    """The points that blobs without a name make, None where they make none: a chain of names may be one place on.
+
+    Of those in the rectangle of the body's image, as ghosts are everywhere.
+    """
+    body = cameras.project(chunk.motion.expected)  # (C, T, M, 2)
+    at, free = (blobs.camera, blobs.frame), ~chunk.labels.named
+    within = (blobs.xy >= body.min(axis=2)[at]) & (blobs.xy <= body.max(axis=2)[at])
     points = PointsOfBlobs(cameras, rate)
-    points.add(blobs.part(slice(0, len(blobs.frames)), np.flatnonzero(~chunk.labels.named)))
+    points.add(blobs.part(slice(0, len(blobs.frames)), np.flatnonzero(free & within.all(axis=1))))
     return points.take() if len(points.spans.lasting(points.frames)) else None
 
 
