@@ -281,7 +281,7 @@ class LabellingSettings(bpy.types.PropertyGroup):
     )
     target: FloatProperty(
         name="Sure",
-        description="The part of the names of 3D points that must be right; what is less sure stays unnamed. "
+        description="The part of the names that must be right; what is less sure by distances in space stays unnamed. "
         "Ghosts, another lab's markers or few people to learn from leave more wrong than is asked for",
         default=0.999,
         min=0.5,

@@ -35,8 +35,7 @@ def advanced(layout, context):
     settings = context.scene.mocap_autolabel
     labelling, points = settings.labelling, settings.source.points_path
     draw_choice(layout, labelling, "method")
-    if points or labelling.method not in ("auto", "fit"):
-        layout.prop(labelling, "target")
+    layout.prop(labelling, "target")
     if not points:
         draw_choice(layout, labelling, "occlusion")
         if labelling.occlusion == "bvh":

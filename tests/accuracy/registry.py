@@ -18,12 +18,11 @@ from time import process_time
 import numpy as np
 
 from addon.cli.evaluate import compare
-from addon.core.blobs.pipeline import label_take as label_blobs
 from addon.core.data.errors import JobError, UserError
-from addon.core.data.markersets import MarkerSet
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.evaluation.figures import Figures
+from addon.core.pipelines.blobs import BlobOptions, label_blobs
 from addon.core.points.models import Model
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
@@ -197,37 +196,50 @@ def _several_in_images(shot: people.Trial, asked: SeveralOptions, count: int) ->
     return min(outcomes, key=lambda outcome: outcome.wrong.sum())
 
 
-def in_images(trials: Callable, name: str, count: int | None, **more) -> Iterator[Trial]:
-    """Captures of left-out people, as `trials(markers, people, count, seed, …)` makes them."""
+def in_images(trials: Callable, name: str, count: int | None, keep: Path | None = None, **more) -> Iterator[Trial]:
+    """Captures of left-out people, as `trials(markers, people, count, seed, …)` makes them.
+
+    Of takes, which are asked about in space, the others teach a likelihood, too; it is kept in a folder.
+    """
     for fold in people.folds():
-        markerset = left_out_model(name, fold)
-        for trial in trials(markerset.markers, fold, count, **{"seed": 1, **more}):
-            yield Trial(trial.title, partial(_in_image, trial, markerset))
+        model = Model(left_out_model(name, fold))
+        if keep is not None:
+            file, teach = keep / f"{name}-without-{'-'.join(fold)}.json", partial(without, name, fold)
+            model = replace(people.kept(file, teach), markerset=model.markerset)
+        for trial in trials(model.markerset.markers, fold, count, **{"seed": 1, **more}):
+            yield Trial(trial.title, partial(_in_image, trial, model))
+
+
+def without(name: str, left_out: tuple[str, ...]) -> Model:
+    """The model of a built-in set's markers that all takes of other walkers teach."""
+    takes = people.takes([one for one in people.WALKERS if one not in left_out], *people.KINDS)
+    known = [LabelledTake(take.name, take.subject, take.markers, take.xyz) for take in takes]
+    return whole_takes.learned(name, known, left_out_model(name, left_out).markers)
 
 
 def of_strangers(name: str, count: int, chosen_on: bool = False) -> Iterator[Trial]:
     """Single frames of people of other labs, or those that numbers of the search were chosen on."""
     for title, left_out, trials in strangers.cases(chosen_on, count):
-        markerset = left_out_model(name, left_out)
+        model = Model(left_out_model(name, left_out))
         for trial in trials:
-            yield Trial(f"{title} {trial.title}", partial(_in_image, trial, markerset))
+            yield Trial(f"{title} {trial.title}", partial(_in_image, trial, model))
 
 
-def in_a_ring(takes: Iterator[tuple[people.Take, MarkerSet]]) -> Iterator[Trial]:
+def in_a_ring(takes: Iterator[tuple[people.Take, Model]]) -> Iterator[Trial]:
     """The first ten seconds of takes of other labs, as six to eight cameras see those who wear a set."""
-    for number, (take, markerset) in enumerate(takes):
+    for number, (take, model) in enumerate(takes):
         part = take.part(0, int(10 * take.rate))
-        trial = taken(part, markerset.markers, np.random.default_rng([7, number]), room="ring")
-        yield Trial(take.name, partial(_in_image, trial, markerset))
+        trial = taken(part, model.markerset.markers, np.random.default_rng([7, number]), room="ring")
+        yield Trial(take.name, partial(_in_image, trial, model))
 
 
-def strangers_takes() -> Iterator[tuple[people.Take, MarkerSet]]:
+def strangers_takes() -> Iterator[tuple[people.Take, Model]]:
     """Takes of actors and others, whose own markers stand for those of `body26`, and that set, learned without them."""
     for take in strangers.in_body26():
-        yield take, left_out_model("body26", (take.subject,))
+        yield take, replace(open_model("body26"), markerset=left_out_model("body26", (take.subject,)))
 
 
-def takes_of_other_labs(keep: Path) -> Iterator[tuple[people.Take, MarkerSet]]:
+def takes_of_other_labs(keep: Path) -> Iterator[tuple[people.Take, Model]]:
     """Those who stand in Plug-in Gait, and `body39`."""
     model = open_model("body39")
     for trial in of_other_labs("plugin_gait", keep):
@@ -235,13 +247,13 @@ def takes_of_other_labs(keep: Path) -> Iterator[tuple[people.Take, MarkerSet]]:
         frame, lane = np.nonzero(truth >= 0)
         xyz = np.full((len(truth), len(model.markerset), 3), np.nan)
         xyz[frame, truth[frame, lane]] = points.xyz[frame, lane]
-        yield people.Take(trial.take, trial.take, model.markerset.markers, xyz, points.rate), model.markerset
+        yield people.Take(trial.take, trial.take, model.markerset.markers, xyz, points.rate), model
 
 
-def _in_image(trial: people.Trial, markerset: MarkerSet) -> Outcome:
+def _in_image(trial: people.Trial, model: Model) -> Outcome:
     def labelled() -> np.ndarray:
-        (chunk,) = label_blobs([trial.blobs], trial.cameras, markerset, trial.rate)
-        return np.array([*markerset.markers, ""], object)[chunk.labels.marker]
+        (chunk,) = label_blobs([trial.blobs], trial.cameras, model, BlobOptions(trial.rate))
+        return np.array([*model.markerset.markers, ""], object)[chunk.labels.marker]
 
     names, refused, seconds = timed(labelled, np.full(len(trial.blobs), "", object))
     return of_blobs(names, trial.truth, trial.blobs.frame, trial.rate, seconds, refused)
@@ -375,7 +387,7 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
     for name in ("gait15", "body26"):
         found[f"blobs standing {name}"] = partial(in_images, standing, name, STANDING)
         for title, more in WALKED.items():
-            found[f"blobs walking{title} {name}"] = partial(in_images, walking, name, None, **more)
+            found[f"blobs walking{title} {name}"] = partial(in_images, walking, name, None, keep, **more)
         for title, more in CURVES.items():
             found[f"curve {title} {name}"] = partial(in_images, standing, name, CURVE, **more)
     found["blobs strangers"] = partial(of_strangers, "body26", DRAWS)

@@ -145,6 +145,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     "blobs: rereading": {"blobs.rereading.Rereader.read_again": lambda *_: ()},
     "blobs: names taken back": {"blobs.rereading.Rereader._withdrawn": lambda *_: []},
     "blobs: markers worn elsewhere": {"blobs.pipeline.TakeLabeller._found_elsewhere": lambda _, chunk, __: chunk},
+    "blobs: asked in space": {"pipelines.asked_in_space.pairs_of": lambda *_: []},
     "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda _, track, *__: track},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},

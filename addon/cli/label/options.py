@@ -143,7 +143,7 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     add("--method", choices=METHODS, default="auto", help=METHODS_HELP)
     add("--occlusion", choices=OCCLUSIONS, default="auto", help=OCCLUSION_HELP)
     share = number(0.5, 0.999999, "share")
-    right = f"of points, the share of labels that must be right; what is less sure is left out ({USUAL_TARGET:g})"
+    right = f"the share of names that must be right; what is less sure in space is left out ({USUAL_TARGET:g})"
     add("--target", type=share, default=USUAL_TARGET, metavar="P", help=right)
     tall = number(*HEIGHTS_M, "height")
     add("--height", type=tall, metavar="M", help="the subject's height, a hint for the fitted body")

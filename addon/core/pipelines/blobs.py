@@ -31,6 +31,7 @@ from ..points.models import Model, chosen_method, plain_method
 from ..points.several.together import with_bodies_of
 from ..points.whole_take.pipeline import USUAL_TARGET, PointOptions
 from ..review.answering import unanswered, without_accepted
+from .asked_in_space import asked_in_space
 from .through_points import label_through_points
 
 
@@ -40,7 +41,7 @@ class BlobOptions:
 
     rate: float  # frames a second
     method: str = "auto"  # one of `models.METHODS`
-    # of labels through points: the part that must be right; what is less sure is left unnamed
+    # the part of the names that must be right, by what is asked in space; what is less sure is left unnamed
     target: float = USUAL_TARGET
     hints: Hints = NO_HINTS  # what the user may say about the take, for the fitted body
     occlusion: Occlusion | None = None  # the body in the way; None for the marker set's capsules
@@ -78,8 +79,10 @@ def _labelled(chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: 
     """The same with the edits as constraints only."""
     method = blob_method(options)
     if method == "fit":
+        own, chunks = tee(chunks)
         given = options.rate, options.hints, options.occlusion, options.edits
-        return label_take(chunks, cameras, model.markerset, *given)
+        labelled = label_take(chunks, cameras, model.markerset, *given)
+        return asked_in_space(own, labelled, cameras, model, options.rate, options.target, options.edits)
     named = PointOptions(chosen_method(model, method), options.target, options.edits, force=options.force, traced=True)
     return label_through_points(chunks, cameras, model, options.rate, named)
 

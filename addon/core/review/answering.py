@@ -8,7 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from ..data.takes import BY_EDIT, NO_MARKER, Blobs, Labels, PointRows, Suspect
-from ..edits.kinds import NO_EDITS, Accepted, AssignPoint, Delete, Edits, PointEdit, Right, Swap, UnlabelMarker
+from ..edits.kinds import (
+    NO_EDITS,
+    Accepted,
+    AssignBlob,
+    AssignPoint,
+    Delete,
+    Edits,
+    PointEdit,
+    Right,
+    Swap,
+    UnlabelMarker,
+)
 from .suspects import EITHER_WAY, FAR_OFF, JUMPS, suspect_ranges
 
 PAIR = 2  # markers of which a doubt asks which is which
@@ -29,7 +40,7 @@ def unanswered(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, in
         if not len(about):
             left.append(suspect)
             continue
-        if EITHER_WAY in suspect.words and any(isinstance(edit, AssignPoint) for edit in about):
+        if EITHER_WAY in suspect.words and any(isinstance(edit, AssignBlob | AssignPoint) for edit in about):
             continue
         frames = np.arange(suspect.first, suspect.last + 1)
         right = right_in(about, own, frames)[:, sorted(markers)]

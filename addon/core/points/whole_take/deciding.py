@@ -228,14 +228,33 @@ def _questions(solution: Solution, asked: list[Question], names: Sequence[str], 
     questions, tracklets = {}, solution.tracklets
     for question in asked:
         pair = tuple(names[name] for name in (question.one, question.other) if name < len(names))
-        span, lane = (0, len(tracklets.table) - 1), None
-        words = " and ".join(pair) + f" {EITHER_WAY} in the whole take: each stays unnamed"
+        span, lane, words = (0, len(tracklets.table) - 1), None, words_of_pair(pair)
         if len(pair) == 1:
             longest = np.where(solution.marker == question.one, tracklets.count, 0).argmax()
             span, lane = (int(tracklets.first[longest]), int(tracklets.last[longest])), int(tracklets.lane[longest])
             words = f"another marker sits where {pair[0]} may be: look which of the two it is"
         questions[frozenset(pair)] = Suspect(span[0] + first, span[1] + first, words, lane, pair)
     return tuple(questions.values())
+
+
+def words_of_pair(pair: Sequence[str]) -> str:
+    """What is said of two markers that may be each other in all of the take."""
+    return " and ".join(pair) + f" {EITHER_WAY} in the whole take: each stays unnamed"
+
+
+def pairs_in_doubt(solution: Solution, columns: int, target: float) -> list[tuple[int, int]]:
+    """The markers of which a solution doubts which is which, where its first columns are the M markers by their names.
+
+    That is what is asked for the target, and columns that are another marker for most of the time.
+    """
+    pairs = [(one.one, one.other) for one in _asked(solution, target) if max(one.one, one.other) < columns]
+    tracklets, count = solution.tracklets, np.zeros((columns, columns))
+    own = tracklets.lane < columns
+    some = own & (solution.marker != NO_MARKER)
+    np.add.at(count, (tracklets.lane[some], solution.marker[some]), tracklets.count[some])
+    there = np.bincount(tracklets.lane[own], tracklets.count[own], columns)
+    pairs += [(int(one), int(count[one].argmax())) for one in np.flatnonzero(2 * count.max(axis=1) > there)]
+    return sorted({(min(pair), max(pair)) for pair in pairs if pair[0] != pair[1]})
 
 
 def _gone_over(
