@@ -518,6 +518,7 @@ class LiveNamer:
 
 def _said_before(values: np.ndarray) -> np.ndarray:
     """(P,) whether the same stands before each of the values (P,)."""
-    before = np.ones(len(values), bool)
-    before[np.unique(values, return_index=True)[1]] = False
+    order = np.argsort(values, kind="stable")
+    before = np.zeros(len(values), bool)
+    before[order[1:]] = values[order[1:]] == values[order[:-1]]
     return before
