@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points named while they are recorded.
 
-Every frame is followed at once: a name stays with its trajectory, and goes over to a point that comes where its marker
-was a moment ago and must be now. What the names are in the first place, and what is not so sure, is said by the last
-moment solved as whole takes are, which takes longer than a frame: a process beside does that. What it says is carried
-on through the frames that came meanwhile. By what was named, those who wear the markers are known better and better.
+Every frame is followed at once: a name stays with its trajectory, which goes on under another number where those around
+it carry it, and goes over to a point that comes where its marker was a moment ago and must be now. What the names are
+in the first place, and what is not so sure, is said by the last moment solved as whole takes are, which takes longer
+than a frame: a process beside does that. What it says is carried on through the frames that came meanwhile. By what was
+named, those who wear the markers are known better and better.
 """
 
 from collections.abc import Sequence
@@ -20,11 +21,13 @@ from ...data.progress import finished, in_stages
 from ...data.takes import NO_MARKER, NO_POINT, Points
 from ...posing.posing import subject_of
 from ...reconstruction.linking import Links
-from ..models import Model
+from ..models import USUAL_TARGET, Model
 from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
+from .along import carried_along, going_on_odds, leading
+from .deciding import least_margin
 from .likeness import LIKENESS, NO_EVIDENCE, changed, of_frames, steadiest
 from .objective import OBJECTIVE
 from .pairs import PairDistances, in_take
@@ -32,7 +35,7 @@ from .pipeline import PointOptions, as_a_whole, begins, name_frames
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
-CAUGHT_UP = 16  # frames of the past that names are carried on through at each new one; by time
+CAUGHT_UP = 12  # frames of the past that names are carried on through at each new one; by time
 SHOWN_S = 0.1  # s from one frame by which the subject is known to the next, at first
 MAX_SHOWN = 40  # such frames
 NO_POINTS = np.zeros((0, 3))
@@ -165,7 +168,8 @@ class _Given:
         size = len(pairs.mean)
         self.placed = self.sure = np.full((size, 3), np.nan)
         self._pairs, self._near = pairs, steadiest(pairs.variance)
-        # When each marker was there last, and where all of them were then.
+        # As which trajectory and when each marker was there last, and where all of them were then.
+        self._had = np.full(size, NO_POINT)
         self._seen, self._then = np.full(size, -np.inf), np.full((size, size, 3), np.nan, np.float32)
         # Of new trajectories when they came, in how many frames they were asked for each marker, and what these said.
         self._asked: dict[int, tuple[int, np.ndarray, np.ndarray]] = {}
@@ -174,14 +178,33 @@ class _Given:
         """The marker (P,) of each of a later frame's points (P, 3) m, which are of trajectories number (P,)."""
         marker = np.array([self.marker.get(one, NO_MARKER) for one in number.tolist()], int)
         marker[_said_before(marker)] = NO_MARKER
+        self.row, self.placed, self.sure = row, np.full_like(self.placed, np.nan), np.full_like(self.placed, np.nan)
+        self.placed[marker[marker != NO_MARKER]] = points[marker != NO_MARKER]
+        self._ask_back(number, points, marker)
         named = marker != NO_MARKER
         solved = named & np.array([one in self.solved for one in number.tolist()], bool)
-        self.row, self.placed, self.sure = row, np.full_like(self.placed, np.nan), np.full_like(self.placed, np.nan)
-        self.placed[marker[named]], self.sure[marker[solved]] = points[named], points[solved]
+        self.sure[marker[solved]] = points[solved]
         self._name_new(np.flatnonzero((number > self.newest) & ~named), number, points, marker)
         there = np.isfinite(self.placed[:, 0])
+        self._had[marker[marker != NO_MARKER]] = number[marker != NO_MARKER]
         self._seen[there], self._then[there] = row, self.placed
         return marker
+
+    def _ask_back(self, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
+        """Takes the names of those of points (P, 3) m that were away for a moment and come back where they cannot be.
+
+        By their distances: what goes on where a trajectory was lost may be a ghost.
+        """
+        away = (marker != NO_MARKER) & (self._had[marker] == number) & (self.row - self._seen[marker] > 1)
+        if not len(back := np.flatnonzero(away)):
+            return
+        self.placed[marker[back]] = np.nan
+        here = self._likely(points[back], np.isnan(self.placed[:, 0]))[np.arange(len(back)), marker[back]]
+        for at in back[here <= NO_EVIDENCE].tolist():
+            self.marker.pop(int(number[at]))
+            marker[at] = NO_MARKER
+        back = back[marker[back] != NO_MARKER]
+        self.placed[marker[back]] = points[back]
 
     def _name_new(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
         """Names those of points (P, 3) m that are `new` (N,) where a marker must be that is not there.
@@ -193,14 +216,13 @@ class _Given:
         if not len(new) or (~missing).sum() < LIKENESS.min_neighbours:
             return
         odds, worth, may_be = self._odds(number[new], points[new], missing)
-        for row, best in enumerate(odds.argmax(axis=1).tolist()):
-            own = odds[row, best]
-            if not may_be[row, best] or own <= NO_EVIDENCE:
-                continue
-            rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
-            if min(own - rivals.max(initial=-np.inf), own * worth[row, best] - NO_EVIDENCE) > OBJECTIVE.max_marker:
-                self.marker[int(number[new[row]])] = marker[new[row]] = best
-                now[best] = points[new[row]]
+        best, own, rival = leading(odds)
+        rows = np.arange(len(new))
+        sure = may_be[rows, best] & (own > NO_EVIDENCE) & (own > rival + OBJECTIVE.max_marker)
+        sure &= own * worth[rows, best] > NO_EVIDENCE + OBJECTIVE.max_marker
+        for at, name in zip(new[sure].tolist(), best[sure].tolist(), strict=True):
+            self.marker[int(number[at])] = marker[at] = name
+            now[name] = points[at]
 
     def _odds(self, number: np.ndarray, points: np.ndarray, missing: np.ndarray) -> tuple[np.ndarray, ...]:
         """Mean log odds (N, M) that new trajectories number (N,), now at points (N, 3) m, are markers `missing` (M,).
@@ -208,9 +230,7 @@ class _Given:
         With how many independent frames they are worth (N, M), and whether the marker was there a moment before.
         """
         said = [self._asked.setdefault(one, (self.row, *np.zeros((2, len(missing))))) for one in number.tolist()]
-        frame, nobody = np.zeros((len(number), 1), int), np.full(len(number), NO_MARKER)
-        given = nobody, self._near, *self._expected(missing), np.tile(missing, (len(number), 1)), LIKENESS
-        here = of_frames(frame, points[:, None], self.placed[None], *given)
+        here = self._likely(points, missing)
         for now, (_, count, total) in zip(here, said, strict=True):
             count += np.isfinite(now)
             total += np.nan_to_num(now)
@@ -219,6 +239,12 @@ class _Given:
         worth = np.minimum(1 + count / self.rate / LIKENESS.sample_s, LIKENESS.max_samples)
         may_be = np.array([[came] for came, *_ in said]) - self._seen < longest_gap(self.rate)
         return odds, worth, may_be
+
+    def _likely(self, points: np.ndarray, missing: np.ndarray) -> np.ndarray:
+        """Log odds (N, M) that points (N, 3) m are markers `missing` (M,), by what is there now; NaN of all others."""
+        frame, nobody = np.zeros((len(points), 1), int), np.full(len(points), NO_MARKER)
+        given = nobody, self._near, *self._expected(missing), np.tile(missing, (len(points), 1)), LIKENESS
+        return of_frames(frame, points[:, None], self.placed[None], *given)
 
     def _expected(self, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean m and variance m² of the distances (M, Q) of each of `missing` (M,) to its neighbours now.
@@ -334,7 +360,7 @@ class LiveNamer:
             self._forget()
             step = 1
         self.last, self.row, self.renamed = number, self.row + step, []
-        trajectory = np.array([trail.number for trail in self._followed(points, ids, step)], int)
+        trajectory = self._followed(points, ids, step)
         self.past.append((self.row, trajectory, points))
         while self.past[0][0] <= self.row - self._kept:
             self.past.pop(0)
@@ -348,30 +374,62 @@ class LiveNamer:
             self.shown = _Shown(self.whose, self.rate)
         return marker, trajectory
 
-    def _followed(self, points: np.ndarray, ids: np.ndarray, step: int) -> list[_Trail]:
-        """The trail of each point: by the sender's number or, where it has none or says one twice, by where it goes."""
+    def _followed(self, points: np.ndarray, ids: np.ndarray, step: int) -> np.ndarray:
+        """(P,) the trajectory of each point, by the sender's number or, where it has none or says one twice, by motion.
+
+        Where these begin a new one, by what is around it.
+        """
         for _ in range(step - 1):
             self.links.link(NO_POINTS)
         loose = _said_before(ids) | (ids == NO_POINT)
         key = 2 * ids + 1
         key[loose] = 2 * self.links.link(points[loose])
-        found = []
-        far = MARKER_LIMITS.fastest_m_s / self.rate
-        for one, place in zip(key.tolist(), points, strict=True):
-            trail = self.trails.get(one)
-            if trail is not None:
-                gap, away = self.row - trail.row, place - trail.place
-                if gap > self._gap or away @ away > (far * gap) ** 2:
-                    trail = None
-            if trail is None:
-                trail = self.trails[one] = _Trail(self.begun, place, self.row)
+        number = np.array([self._known(one, place) for one, place in zip(key.tolist(), points, strict=True)], int)
+        new = np.flatnonzero(number == NO_POINT).tolist()
+        again = self._going_on(number, points) if new else {}
+        for at in new:
+            if at not in again:
+                again[at] = _Trail(self.begun, points[at], self.row)
                 self.begun += 1
-            trail.place, trail.row = place, self.row
-            found.append(trail)
-        if len(self.trails) > 2 * len(found):
+            trail = self.trails[int(key[at])] = again[at]
+            trail.place, trail.row, number[at] = points[at], self.row, trail.number
+        if len(self.trails) > 2 * len(number):
             self.trails = {key: one for key, one in self.trails.items() if self.row - one.row <= self._gap}
             self.given.forget({one.number for one in self.trails.values()})
-        return found
+        return number
+
+    def _known(self, key: int, place: np.ndarray) -> int:
+        """The trajectory of a key that came to a place (3,) m; NO_POINT where there is none, or none that can have."""
+        trail = self.trails.get(key)
+        if trail is None:
+            return NO_POINT
+        gap, away = self.row - trail.row, place - trail.place
+        if gap > self._gap or away @ away > (MARKER_LIMITS.fastest_m_s / self.rate * gap) ** 2:
+            return NO_POINT
+        trail.place, trail.row = place, self.row
+        return trail.number
+
+    def _going_on(self, number: np.ndarray, points: np.ndarray) -> dict[int, _Trail]:
+        """By its row the lost trail that each point (P, 3) m plainly goes on that has no trajectory number (P,) yet.
+
+        It is no other key's any more.
+        """
+        lost = {key: trail for key, trail in self.trails.items() if 0 < self.row - trail.row <= self._gap}
+        old, new = np.flatnonzero(number != NO_POINT), np.flatnonzero(number == NO_POINT)
+        if not lost or not len(old):
+            return {}
+        now, order, rows = number[old], np.argsort(number[old]), np.array([trail.row for trail in lost.values()])
+        then, wanted = np.full((len(lost), len(now), 3), np.nan), set(rows.tolist())
+        for row, before, place in self.past[-self._gap :]:
+            if row in wanted:
+                at = order[np.minimum(np.searchsorted(now, before, sorter=order), len(now) - 1)]
+                same = now[at] == before
+                then[np.ix_(rows == row, at[same])] = place[same]
+        expected = carried_along(np.array([trail.place for trail in lost.values()]), then, points[old])
+        best, own, rival = leading(going_on_odds(expected, (self.row - rows) / self.rate, points[new]).T)
+        sure = own > np.maximum(rival, NO_EVIDENCE) + least_margin(USUAL_TARGET)
+        keys = list(lost)
+        return {at: self.trails.pop(keys[one]) for at, one in zip(new[sure].tolist(), best[sure].tolist(), strict=True)}
 
     def window(self) -> Window | None:
         """What there is to be solved; None where that is not enough."""
@@ -460,6 +518,7 @@ class LiveNamer:
 
 def _said_before(values: np.ndarray) -> np.ndarray:
     """(P,) whether the same stands before each of the values (P,)."""
-    before = np.ones(len(values), bool)
-    before[np.unique(values, return_index=True)[1]] = False
+    order = np.argsort(values, kind="stable")
+    before = np.zeros(len(values), bool)
+    before[order[1:]] = values[order[1:]] == values[order[:-1]]
     return before

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from addon.core.geometry.rotations import turn_of
 from addon.core.points.whole_take.live import FIRST_S, LiveNamer, WindowNames
 from addon.core.points.whole_take.pairs import PairDistances
 
@@ -11,6 +12,7 @@ RATE, MARKERS = 100.0, 8
 PLACES = np.random.default_rng(4).uniform(-0.5, 0.5, (MARKERS, 3)) + np.array([0, 0, 1.0])
 IDS, NO_IDS, ALL = np.arange(MARKERS), np.full(MARKERS, -1), list(range(MARKERS))
 REST, BACK = slice(1, None), np.append(77, IDS[1:])  # all but the first, which comes back as another trajectory
+FIRST = slice(1)  # the first alone
 REFUSED = "who is this; expected somebody"
 
 
@@ -61,6 +63,17 @@ def test_a_new_point_is_named_where_a_marker_was_a_moment_ago_by_its_distances_o
     assert namer.name(40 + away, moved, BACK)[0].tolist() == [0 if named else -1, *ALL[1:]]
 
 
+@pytest.mark.parametrize("apart", [0.02, 0.3])
+def test_a_trajectory_goes_on_under_another_number_where_those_around_it_carry_it(apart):
+    namer, turning = namer_of(), PLACES.copy()
+    turning[1] = turning[0] + [apart, 0, 0]
+    for frame in range(100):  # two are lost for a quarter of a second, while all turn by a radian
+        points = turning @ turn_of(np.array([0, 0, frame / 25])).T
+        away = slice(2 if 50 <= frame < 75 else 0, None)
+        _, number = namer.name(frame, points[away], IDS[away] + MARKERS * ((frame >= 75) & (IDS[away] < 2)))
+    assert number.tolist() == ([MARKERS, MARKERS + 1, *ALL[2:]] if apart < 0.1 else ALL), "which of two is no guess"
+
+
 def test_a_marker_is_named_again_beside_those_on_its_bone_although_others_move_more_than_training_knows():
     namer = settled()
     far = np.where(IDS < 4, 0.0, 0.01)[:, None] * [0.0, 1.0, 0.0]  # m a frame: a metre a second
@@ -69,10 +82,14 @@ def test_a_marker_is_named_again_beside_those_on_its_bone_although_others_move_m
     assert namer.name(50, body(50) + 10 * far, BACK)[0].tolist() == ALL
 
 
-@pytest.mark.parametrize(("off", "after"), [(0.02, [0]), (0.04, range(10, 60)), (0.06, [None])])
-def test_a_new_point_that_may_be_a_ghost_is_named_once_it_was_there_for_long_enough(off, after):
+@pytest.mark.parametrize(("around", "off", "after"), [
+    (slice(None), 0.04, [0]), (slice(None), 0.06, [None]),
+    (FIRST, 0.02, [0]), (FIRST, 0.04, range(10, 60)), (FIRST, 0.06, [None]),
+])  # fmt: skip
+def test_a_new_point_that_may_be_a_ghost_is_named_once_it_was_there_for_long_enough(around, off, after):
     namer, moved = settled(), off * (IDS == 0)[:, None]
-    go_on(namer, range(40, 70), REST)
+    go_on(namer, [40], around)  # what was around it then tells where it goes on
+    go_on(namer, range(41, 70), REST)
     # It came in time, and is asked for on and on.
     named = [namer.name(frame, body(frame) + moved, BACK)[0][0] == 0 for frame in range(70, 270)]
     assert (named.index(True) if any(named) else None) in after
@@ -94,8 +111,9 @@ def test_a_settled_name_is_taken_back_only_by_a_line_that_says_so():
 
 def test_a_name_that_the_solver_does_not_give_is_taken_back_once_it_was_shown_enough():
     namer, asked = settled(), 0
-    go_on(namer, [40], REST)
-    for frame in range(41, 90):
+    go_on(namer, [40], FIRST)
+    go_on(namer, [41], REST)
+    for frame in range(42, 90):
         marker, number = namer.name(frame, body(frame), BACK)
         if namer.renamed:
             break
@@ -104,7 +122,7 @@ def test_a_name_that_the_solver_does_not_give_is_taken_back_once_it_was_shown_en
             asked = len(window.xyz)
             namer.hear(WindowNames(number, NO_IDS, REFUSED))
             namer.hear(WindowNames(number, np.append(-1, IDS[1:])))
-    assert namer.renamed == [(0, -1)] and asked - 41 >= round(FIRST_S * RATE)
+    assert namer.renamed == [(0, -1)] and asked - 42 >= round(FIRST_S * RATE)
     for later in range(frame + 1, frame + 10):
         assert go_on(namer, [later], ids=BACK) == [-1, *ALL[1:]]
 
@@ -168,7 +186,8 @@ def test_a_ghost_that_took_a_name_loses_it_once_the_marker_is_said_to_be_there()
         marker, trajectory = namer.name(frame, points, number)
     assert marker.tolist() == [0, -1, *ALL[1:]]
     window = namer.window()
-    namer.hear(WindowNames(window.number, np.where(np.isin(window.number, trajectory[1:]), window.number, -1)))
+    said = dict(zip(trajectory[1:].tolist(), ALL, strict=True))
+    namer.hear(WindowNames(window.number, np.array([said.get(one, -1) for one in window.number.tolist()])))
     for frame in range(100, 120):
         marker, _ = namer.name(frame, np.vstack([body(frame)[0] + 0.003, body(frame)]), np.append(99, IDS))
     assert marker.tolist() == [-1, *ALL]
@@ -176,7 +195,8 @@ def test_a_ghost_that_took_a_name_loses_it_once_the_marker_is_said_to_be_there()
 
 def test_a_subject_is_known_by_the_names_of_the_solver_alone():
     namer = settled()
-    for frame in range(40, 240):  # the first one is another trajectory from here on, and is named at once
+    go_on(namer, [40], FIRST)
+    for frame in range(41, 240):  # the first one is another trajectory from here on, and is named at once
         assert go_on(namer, [frame], ids=BACK) == ALL
     assert not np.isfinite(namer.window().shown[10:, 0]).any() and np.isfinite(namer.window().shown[:, 1:]).all()
 
