@@ -237,9 +237,12 @@ def _questions(solution: Solution, asked: list[Question], names: Sequence[str], 
     return tuple(questions.values())
 
 
-def words_of_pair(pair: Sequence[str]) -> str:
-    """What is said of two markers that may be each other in all of the take."""
-    return " and ".join(pair) + f" {EITHER_WAY} in the whole take: each stays unnamed"
+def words_of_pair(pair: Sequence[str], named: bool = False) -> str:
+    """What is said of two markers that may be each other in all of the take, also after a person `named` blobs so."""
+    who = " and ".join(pair)
+    if named:
+        return f"{who}: the blobs that were named do not tell which is which: each stays unnamed"
+    return f"{who} {EITHER_WAY} in the whole take: each stays unnamed"
 
 
 def pairs_in_doubt(solution: Solution, columns: int, target: float) -> list[tuple[int, int]]:
