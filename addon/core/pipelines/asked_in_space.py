@@ -17,7 +17,7 @@ from ..blobs.rereading import REREADING
 from ..data.progress import finished
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Points, Suspect
 from ..edits.applying import apply_edits, cells_of_blobs
-from ..edits.kinds import AssignBlob, BlobEdit, Edits
+from ..edits.kinds import AssignBlob, BlobEdit, Edits, Swap
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..points.models import Model
@@ -42,8 +42,8 @@ def asked_in_space(
     """The labelled chunks without the names that are in doubt in the first of them that shows enough of the subject.
 
     Names are given that are right in a part `target` of cases. A blob that a person named as one of two answers which
-    is which in all of the take, whichever the body had it as; chunks are held until the last that she named. By two
-    cameras there is no telling, as their rays always meet somewhere.
+    is which in all of the take, whichever the body had it as, and so does an exchange; chunks are held up to the last
+    blob that was named so. By two cameras there is no telling, as their rays always meet somewhere.
     """
     both = zip(chunks, labelled, strict=True)
     for first in both:
@@ -52,8 +52,11 @@ def asked_in_space(
         yield first[1]
     else:
         return
-    pairs = pairs_of(first[1], points_without_names(*first, cameras, rate), model, rate, target)
+    asked = _without_person(*first, cameras)
+    pairs = pairs_of(asked, points_without_names(first[0], asked, cameras, rate), model, rate, target)
     names = model.markerset.by_name
+    swapped = [{names[name] for name in edit.names} for edit in edits if isinstance(edit, Swap)]
+    pairs = [pair for pair in pairs if set(pair) not in swapped]
     answers = [edit for edit in edits if isinstance(edit, AssignBlob) and names[edit.marker] in chain(*pairs)]
     held, last = [first], max((edit.frame for edit in answers), default=0)
     while answers and held[-1][0].frames[-1] < last and (more := next(both, None)):
@@ -92,6 +95,14 @@ def points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, r
     points = PointsOfBlobs(cameras, rate)
     points.add(blobs.part(slice(0, len(blobs.frames)), np.flatnonzero(free & within.all(axis=1))))
     return points.take() if len(points.spans.lasting(points.frames)) else None
+
+
+def _without_person(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras) -> LabelledChunk:
+    """A chunk with the names that the body gave before a person named some, as it bends to those in a few frames."""
+    if chunk.unedited is None:
+        return chunk
+    motion = measured_again(chunk.motion, blobs, chunk.labels, chunk.unedited, cameras)
+    return replace(chunk, labels=chunk.unedited, motion=motion)
 
 
 def _as_answered(held: Held, pairs: Pairs, edits: Edits, cameras: Cameras, model: Model) -> np.ndarray:
@@ -137,17 +148,19 @@ def _renamed(
     """
     if (right == np.arange(len(right))).all():
         return chunk
-    doubted, known = np.unique(pairs), right != NO_MARKER
+    doubted, known = np.unique(pairs), np.flatnonzero(right != NO_MARKER)
     given = chunk.unedited or chunk.labels
     before = replace(given, marker=np.append(right, NO_MARKER)[given.marker])
     before = before.kept(before.named)
     labels = chunk.labels.kept(~np.isin(chunk.labels.marker, doubted))
     own = np.isin(given.marker, doubted)
     labels.put(own, before[own])
-    columns = {name: getattr(chunk.motion, name).copy() for name in ("expected", "conflicts")}
-    for name, column in columns.items():
-        column[:, right[known]] = getattr(chunk.motion, name)[:, known]
-    motion = measured_again(replace(chunk.motion, **columns), blobs, chunk.labels, labels, cameras)
+    motion = measured_again(chunk.motion, blobs, chunk.labels, labels, cameras)
+    # The body stays, under the right names; where it took them over from the person, it has them.
+    expected = motion.expected.copy()
+    expected[:, right[known]] = motion.expected[:, known]
+    off = [np.nansum(np.linalg.norm(motion.markers - one, axis=2), axis=1) for one in (expected, motion.expected)]
+    motion = replace(motion, expected=np.where((off[0] <= off[1])[:, None, None], expected, motion.expected))
     first, last = (int(frame) for frame in chunk.motion.frames[[0, -1]])
     suspects = chunk.suspects
     for pair in pairs:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk
-from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits
+from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Swap
+from addon.core.geometry.measuring import measured_again
 from addon.core.pipelines.asked_in_space import asked_in_space
 from addon.core.pipelines.blobs import BlobOptions, label_blobs
 from addon.core.review.answering import unanswered
@@ -83,6 +84,23 @@ def test_a_blob_that_a_person_named_says_which_is_which_in_the_whole_take(named,
     assert unanswered([doubt], edits, model.markerset.by_name) == ()
     as_the_body = Edits([blob_of(blobs, wrong, model, said, said)])
     assert asked(blobs, wrong, model, as_the_body) is wrong
+
+
+def test_a_body_that_bent_to_a_person_is_asked_as_it_was_before(named, blobs, model):
+    wrong = exchanged(named, model)
+    labels = wrong.labels.replaced(blobs.frame < 25, named.labels)
+    motion = measured_again(wrong.motion, blobs, wrong.labels, labels, CAMERAS)
+    bent = replace(wrong, labels=labels, motion=motion, unedited=wrong.labels)
+    edits = Edits([blob_of(blobs, named, model, *WORN_WRONG[:1] * 2)])
+    found = asked(blobs, bent, model, edits)
+    assert (found.labels.marker == named.labels.marker).all()
+    assert (found.unedited.marker == named.labels.marker).all()
+    np.testing.assert_allclose(found.motion.markers, named.motion.markers, atol=1e-3)
+
+
+def test_a_person_who_exchanged_the_two_is_not_asked(named, blobs, model):
+    wrong = exchanged(named, model)
+    assert asked(blobs, wrong, model, Edits([Swap(WORN_WRONG[::-1])])) is wrong
 
 
 def test_a_blob_of_neither_leaves_both_unnamed_and_asked_about(named, blobs, model):

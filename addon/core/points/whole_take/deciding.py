@@ -14,7 +14,7 @@ import numpy as np
 from ...data.lanes import PACKING, Lanes, blocks, trajectories_at
 from ...data.made import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ...review.suspects import EITHER_WAY
+from ...review.suspects import EITHER_WAY, NOT_TOLD
 from ..likelihood.model import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over, gone_over_between, vote
@@ -241,7 +241,7 @@ def words_of_pair(pair: Sequence[str], named: bool = False) -> str:
     """What is said of two markers that may be each other in all of the take, also after a person `named` blobs so."""
     who = " and ".join(pair)
     if named:
-        return f"{who}: the blobs that were named do not tell which is which: each stays unnamed"
+        return f"{who}: the blobs that were named {NOT_TOLD}: each stays unnamed"
     return f"{who} {EITHER_WAY} in the whole take: each stays unnamed"
 
 
