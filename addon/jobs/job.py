@@ -69,7 +69,7 @@ class LabelJob:
     mirror: bool = False  # one axis of the 3D points is reversed when they are read, as they are left-handed
     use: str | None = None  # "blobs" or "points": which to label of a capture that holds both; None for its own choice
     method: str = "auto"  # how names are found: one of METHODS
-    # the part of the labels of points that must be right; what is less sure is left unnamed
+    # the part of the names that must be right, by distances in space; what is less sure is left unnamed
     target: float = USUAL_TARGET
     # frames a second, None where nobody knows: then USUAL_RATE, and the report says that it was assumed; of points only
     # for files that say none

@@ -6,16 +6,18 @@ the other way round, or an arm that is named one place on. The distances between
 have otherwise, or do not tell apart, neither is given, and a person is asked.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blobs.rereading import REREADING
 from ..data.progress import finished
-from ..data.takes import Blobs, LabelledChunk, Points, Suspect
-from ..edits.kinds import AssignBlob, Edits
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Points, Suspect
+from ..edits.applying import apply_edits, cells_of_blobs
+from ..edits.kinds import AssignBlob, BlobEdit, Edits, Swap
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..points.models import Model
@@ -25,6 +27,7 @@ from ..points.whole_take.pipeline import PointOptions, name_frames, solution_for
 from .through_points import PointsOfBlobs
 
 Pairs = list[tuple[int, int]]
+Held = Sequence[tuple[Blobs, LabelledChunk]]
 
 
 def asked_in_space(
@@ -38,16 +41,30 @@ def asked_in_space(
 ) -> Iterator[LabelledChunk]:
     """The labelled chunks without the names that are in doubt in the first of them that shows enough of the subject.
 
-    Names are given that are right in a part `target` of cases. A doubt is answered by the name of one of its two that a
-    person gave to a blob. By two cameras there is no telling, as their rays always meet somewhere.
+    Names are given that are right in a part `target` of cases. A blob that a person named as one of two answers which
+    is which in all of the take, whichever the body had it as, and so does an exchange; chunks are held up to the last
+    blob that was named so. By two cameras there is no telling, as their rays always meet somewhere.
     """
-    named = {model.markerset.by_name.get(edit.marker) for edit in edits if isinstance(edit, AssignBlob)}
-    pairs: Pairs | None = None if len(cameras) > 2 else []
-    for blobs, chunk in zip(chunks, labelled, strict=True):
-        if pairs is None and np.count_nonzero(chunk.motion.confidence) >= REREADING.min_frames:
-            pairs = pairs_of(chunk, points_without_names(blobs, chunk, cameras, rate), model, rate, target)
-            pairs = [pair for pair in pairs if named.isdisjoint(pair)]
-        yield _without(blobs, chunk, pairs, cameras, model) if pairs else chunk
+    both = zip(chunks, labelled, strict=True)
+    for first in both:
+        if len(cameras) > 2 and np.count_nonzero(first[1].motion.confidence) >= REREADING.min_frames:
+            break
+        yield first[1]
+    else:
+        return
+    asked = _without_person(*first, cameras)
+    pairs = pairs_of(asked, points_without_names(first[0], asked, cameras, rate), model, rate, target)
+    names = model.markerset.by_name
+    swapped = [{names[name] for name in edit.names} for edit in edits if isinstance(edit, Swap)]
+    pairs = [pair for pair in pairs if set(pair) not in swapped]
+    answers = [edit for edit in edits if isinstance(edit, AssignBlob) and names[edit.marker] in chain(*pairs)]
+    held, last = [first], max((edit.frame for edit in answers), default=0)
+    while answers and held[-1][0].frames[-1] < last and (more := next(both, None)):
+        held.append(more)
+    right = _as_answered(held, pairs, edits.of(edit for edit in edits if isinstance(edit, BlobEdit)), cameras, model)
+    named = {names[edit.marker] for edit in answers}
+    for blobs, chunk in chain(held, both):
+        yield _renamed(blobs, chunk, right, pairs, named, cameras, model) if pairs else chunk
 
 
 def pairs_of(chunk: LabelledChunk, rest: Points | None, model: Model, rate: float, target: float) -> Pairs:
@@ -80,13 +97,76 @@ def points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, r
     return points.take() if len(points.spans.lasting(points.frames)) else None
 
 
-def _without(blobs: Blobs, chunk: LabelledChunk, pairs: Pairs, cameras: Cameras, model: Model) -> LabelledChunk:
-    """A chunk in which no marker of the pairs has a name, and each pair is asked about."""
-    doubted, names = np.unique(pairs), model.markerset.markers
+def _without_person(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras) -> LabelledChunk:
+    """A chunk with the names that the body gave before a person named some, as it bends to those in a few frames."""
+    if chunk.unedited is None:
+        return chunk
+    motion = measured_again(chunk.motion, blobs, chunk.labels, chunk.unedited, cameras)
+    return replace(chunk, labels=chunk.unedited, motion=motion)
+
+
+def _as_answered(held: Held, pairs: Pairs, edits: Edits, cameras: Cameras, model: Model) -> np.ndarray:
+    """(M,) the marker that each name of the body is, by the blobs that a person named; NO_MARKER where none tells.
+
+    Of markers that may be each other, the last is known by the rest.
+    """
+    count = len(model.markerset)
+    said = np.zeros((count, count), int)  # how many blobs of each name a person gave each name
+    for blobs, chunk in held if edits else ():
+        before = chunk.unedited or chunk.labels
+        edited = apply_edits(before, edits, cells_of_blobs(blobs, cameras.names, model.markerset.by_name, count)).edited
+        own = edited.named & before.named
+        np.add.at(said, (before.marker[own], edited.labels.marker[own]), 1)
+    right = np.arange(count)
+    for alike in _groups(pairs):
+        votes = said[np.ix_(alike, alike)]
+        most = (2 * votes > votes.sum(axis=0)) & (2 * votes > votes.sum(axis=1, keepdims=True))
+        known = np.argwhere(most)
+        if len(known) == len(alike) - 1:
+            rest = [np.setdiff1d(np.arange(len(alike)), one) for one in known.T]
+            known = np.concatenate([known, np.array(rest).T])
+        right[alike] = NO_MARKER
+        right[alike[known[:, 0]]] = alike[known[:, 1]]
+    return right
+
+
+def _groups(pairs: Pairs) -> list[np.ndarray]:
+    """The markers of the pairs, those together that may be each other, be it by way of others."""
+    groups: list[set[int]] = []
+    for pair in pairs:
+        joined = set(pair).union(*(group for group in groups if not group.isdisjoint(pair)))
+        groups = [*(group for group in groups if group.isdisjoint(pair)), joined]
+    return [np.array(sorted(group)) for group in groups]
+
+
+def _renamed(
+    blobs: Blobs, chunk: LabelledChunk, right: np.ndarray, pairs: Pairs, named: set[int], cameras: Cameras, model: Model
+) -> LabelledChunk:
+    """A chunk with the names of the pairs as answered, without those that nothing tells, and these pairs asked about.
+
+    By the names that the body gave before a person `named` some, as it bends to those in a few frames only.
+    """
+    if (right == np.arange(len(right))).all():
+        return chunk
+    doubted, known = np.unique(pairs), np.flatnonzero(right != NO_MARKER)
+    given = chunk.unedited or chunk.labels
+    before = replace(given, marker=np.append(right, NO_MARKER)[given.marker])
+    before = before.kept(before.named)
     labels = chunk.labels.kept(~np.isin(chunk.labels.marker, doubted))
-    before = chunk.unedited and chunk.unedited.kept(~np.isin(chunk.unedited.marker, doubted))
-    first, last = (int(frame) for frame in chunk.motion.frames[[0, -1]])
-    of_pairs = (tuple(names[one] for one in pair) for pair in pairs)
-    suspects = tuple(Suspect(first, last, words_of_pair(pair), markers=pair) for pair in of_pairs)
+    own = np.isin(given.marker, doubted)
+    labels.put(own, before[own])
     motion = measured_again(chunk.motion, blobs, chunk.labels, labels, cameras)
-    return replace(chunk, labels=labels, unedited=before, motion=motion, suspects=chunk.suspects + suspects)
+    # The body stays, under the right names; where it took them over from the person, it has them.
+    expected = motion.expected.copy()
+    expected[:, right[known]] = motion.expected[:, known]
+    off = [np.nansum(np.linalg.norm(motion.markers - one, axis=2), axis=1) for one in (expected, motion.expected)]
+    motion = replace(motion, expected=np.where((off[0] <= off[1])[:, None, None], expected, motion.expected))
+    first, last = (int(frame) for frame in chunk.motion.frames[[0, -1]])
+    suspects = chunk.suspects
+    for pair in pairs:
+        if not np.isin(pair, right).all():
+            names = tuple(model.markerset.markers[one] for one in pair)
+            words = words_of_pair(names, named=not named.isdisjoint(pair))
+            suspects += (Suspect(first, last, words, markers=names),)
+    unedited = None if chunk.unedited is None else before
+    return replace(chunk, labels=labels, unedited=unedited, motion=motion, suspects=suspects)

@@ -19,6 +19,7 @@ MAX_ALIKE = 2  # format: findings with one reason that have entries of their own
 MAX_ENTRIES = 40  # format: in a list of doubtful ranges, as many as a person works through
 FAR_OFF, JUMPS = "is far from where the body has it", "jumps"
 EITHER_WAY = "may be either way round"  # what is said of two markers without a name
+NOT_TOLD = "do not tell which is which"  # of blobs that a person named as one of them, of neither of which they were
 OF_ROOM = "the room seems"  # how sentences about a room as a whole begin
 
 

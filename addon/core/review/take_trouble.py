@@ -4,8 +4,9 @@
 Of each camera's blobs it is counted how many have a name, how many beside a marker have none, and how far off they are.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ..data.lanes import blocks
 from ..data.takes import NO_MARKER, Blobs, Labels, Motion, PointRows, Suspect
 from ..edits.kinds import NO_EDITS, Accepted, Edits
 from ..geometry.cameras import NO_CAMERAS, Cameras
-from .answering import PAIR, accepted_in, right_in, settled_in
+from .answering import PAIR, accepted_in, markers_meant, right_in, settled_in
 from .suspects import FAR_OFF, MAX_BREAK_FRAMES, MAX_OFF_BODY_M, MOMENT_S, OF_ROOM, Ranges, cameras_in
 from .trouble import (
     Leftover,
@@ -21,6 +22,7 @@ from .trouble import (
     extras,
     find_leftovers,
     in_doubt,
+    is_which,
     joined_leftovers,
     left_over,
     missing,
@@ -145,9 +147,12 @@ class TakeTrouble:
 
     def found(self, suspects: Iterable[Suspect] = (), answered: Iterable[Suspect] = ()) -> tuple[Trouble, ...]:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
+        suspects, answered = tuple(suspects), tuple(answered)
         doubts, over = ([self._doubt(one) for one in some if FAR_OFF not in one.words] for some in (suspects, answered))
         found = [nobody(first, last, len(self.names)) for first, last, _, _ in self._nobody.of[0]]
-        lacking = [self._judged(one) for one in self._of_missing()]
+        left = (Suspect(self.first, self.last, edit.doubt) for edit in self.edits if isinstance(edit, Accepted))
+        alike = (markers_meant(one, self.words) for one in (*suspects, *answered, *left) if is_which(one))
+        lacking = [self._judged(one) for one in self._of_missing(set(chain(*alike)))]
         found += [*lacking, *self._of_leftovers(lacking), *self._of_body(), *doubts]
         found = [self._judged(one) for one in found]
         return tuple(sorted([*found, *map(_answered, over)], key=lambda one: (one.answered, -one.stake, one.first)))
@@ -161,7 +166,8 @@ class TakeTrouble:
             return False
         return all(accepted_in(self.edits, one.topic, np.arange(a, b + 1)).all() for a, b in one.spans)
 
-    def _of_missing(self) -> Iterator[Trouble]:
+    def _of_missing(self, alike: Container[int]) -> Iterator[Trouble]:
+        """What is missing, but markers that are `alike` and so have no name: another line asks about these."""
         nowhere: list[str] = []
         for index, name in enumerate(self.names):
             beside = [one for one in self._left if one.beside == index]
@@ -169,7 +175,7 @@ class TakeTrouble:
             gaps = [one[:2] for one in self._missing.of[index]]
             gaps = [one for one in gaps if not any(a <= one[0] and one[1] <= b for a, b in filled)]
             lost = sum(last - first + 1 for first, last in gaps)
-            if lost > MAX_BREAK_FRAMES:
+            if lost > MAX_BREAK_FRAMES and (beside or index not in alike):
                 found = missing(name, tuple(gaps), self.subject_frames, beside)
                 if lost == self.subject_frames and not beside and not self._is_accepted(found):
                     nowhere.append(name)

@@ -17,7 +17,7 @@ from ..data.wording import LISTED, listed, words_of_frames
 from ..edits.kinds import Accepted, Delete, Edit, Right
 from .answering import PAIR
 from .summary import MM_PER_M
-from .suspects import EITHER_WAY, MOMENT_S, OF_ROOM
+from .suspects import EITHER_WAY, MOMENT_S, NOT_TOLD, OF_ROOM
 
 # physical: m, from the body's nearest part, or where a missing marker should be; half a limb's length
 BESIDE_BODY_M = 0.15  # physical
@@ -282,8 +282,9 @@ def in_doubt(doubt: Suspect, on_body: bool, stake: float) -> Trouble:
         advice = f"It is off the body: look what it is; if it is nothing, say {LEAVE_UNNAMED}"
     elif tracks and len(markers) == PAIR:
         advice = f"Look which of {' and '.join(markers)} it is; name it so, or say {IT_IS_RIGHT}"
-    elif EITHER_WAY in doubt.words:
-        advice = f"Look which is which: name one of them, or say {LEAVE_UNNAMED}"
+    elif is_which(doubt):
+        advice = "Look which is which: name one of them, of blobs through a camera, and label again, or say "
+        advice += LEAVE_UNNAMED
     elif unnamed:  # several trajectories in one line
         advice = f"Look at {', '.join(markers)}: name what you can tell, or say {LEAVE_UNNAMED}"
     elif markers:
@@ -292,6 +293,11 @@ def in_doubt(doubt: Suspect, on_body: bool, stake: float) -> Trouble:
     return Trouble(
         IN_DOUBT, doubt.first, doubt.last, doubt.reason, advice, stake, markers, tracks, action=action, answer=answer
     )  # fmt: skip
+
+
+def is_which(doubt: Suspect) -> bool:
+    """Whether it is asked which of two markers is which, neither of which has a name."""
+    return EITHER_WAY in doubt.words or NOT_TOLD in doubt.words
 
 
 def summary_of_trouble(found: Sequence[Trouble]) -> str:

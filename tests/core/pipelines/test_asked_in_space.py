@@ -2,12 +2,14 @@
 """Names that a body gave to blobs, asked about in space."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk
-from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits
+from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Swap
+from addon.core.geometry.measuring import measured_again
 from addon.core.pipelines.asked_in_space import asked_in_space
 from addon.core.pipelines.blobs import BlobOptions, label_blobs
 from addon.core.review.answering import unanswered
@@ -62,12 +64,77 @@ def test_neither_of_two_names_that_distances_have_otherwise_is_given(named, blob
     assert (doubt.first, doubt.last) == tuple(blobs.frames[[0, -1]])
 
 
-def test_a_blob_that_a_person_named_answers_for_both(named, blobs, model):
+def blob_of(blobs: Blobs, chunk: LabelledChunk, model, had: str, said: str, frame: int = 20) -> AssignBlob:
+    """A person's name for a blob that has a name, in a frame."""
+    own = (chunk.labels.marker == model.markerset.by_name[had]) & (blobs.frame == frame)
+    row = np.flatnonzero(own)[0]
+    x, y = blobs.xy[row].tolist()
+    return AssignBlob(CAMERAS.names[blobs.camera[row]], int(blobs.frames[frame]), x, y, said)
+
+
+@pytest.mark.parametrize("said", WORN_WRONG)
+def test_a_blob_that_a_person_named_says_which_is_which_in_the_whole_take(named, blobs, model, said):
     wrong = exchanged(named, model)
     (doubt,) = [one for one in asked(blobs, wrong, model).suspects if EITHER_WAY in one.words]
-    edits = Edits([AssignBlob(camera="1", x=0.0, y=0.0, frame=int(blobs.frames[0]), marker=WORN_WRONG[0])])
-    assert asked(blobs, wrong, model, edits) is wrong
+    edits = Edits([blob_of(blobs, named, model, said, said)])
+    found = asked(blobs, wrong, model, edits)
+    assert (found.labels.marker == named.labels.marker).all()
+    np.testing.assert_allclose(found.motion.markers, named.motion.markers, atol=1e-3)
+    assert found.suspects == wrong.suspects
     assert unanswered([doubt], edits, model.markerset.by_name) == ()
+    as_the_body = Edits([blob_of(blobs, wrong, model, said, said)])
+    assert asked(blobs, wrong, model, as_the_body) is wrong
+
+
+def test_a_body_that_bent_to_a_person_is_asked_as_it_was_before(named, blobs, model):
+    wrong = exchanged(named, model)
+    labels = wrong.labels.replaced(blobs.frame < 25, named.labels)
+    motion = measured_again(wrong.motion, blobs, wrong.labels, labels, CAMERAS)
+    bent = replace(wrong, labels=labels, motion=motion, unedited=wrong.labels)
+    edits = Edits([blob_of(blobs, named, model, *WORN_WRONG[:1] * 2)])
+    found = asked(blobs, bent, model, edits)
+    assert (found.labels.marker == named.labels.marker).all()
+    assert (found.unedited.marker == named.labels.marker).all()
+    np.testing.assert_allclose(found.motion.markers, named.motion.markers, atol=1e-3)
+
+
+def test_a_person_who_exchanged_the_two_is_not_asked(named, blobs, model):
+    wrong = exchanged(named, model)
+    assert asked(blobs, wrong, model, Edits([Swap(WORN_WRONG[::-1])])) is wrong
+
+
+def test_a_blob_of_neither_leaves_both_unnamed_and_asked_about(named, blobs, model):
+    wrong = exchanged(named, model)
+    edits = Edits([blob_of(blobs, named, model, "RHEE", WORN_WRONG[0])])
+    found = asked(blobs, wrong, model, edits)
+    assert not np.isin(found.labels.marker, [model.markerset.by_name[name] for name in WORN_WRONG]).any()
+    (doubt,) = found.suspects
+    assert "do not tell which is which" in doubt.words
+    assert unanswered([doubt], edits, model.markerset.by_name) == (doubt,)
+
+
+def test_of_three_that_may_be_each_other_two_names_tell_the_third(named, blobs, model, monkeypatch):
+    ring = "LTIB", "LANK", "LHEE"
+    one, two, three = (model.markerset.by_name[name] for name in ring)
+    monkeypatch.setattr("addon.core.pipelines.asked_in_space.pairs_of", lambda *_: [(one, two), (two, three)])
+    said = [blob_of(blobs, named, model, had, new) for had, new in pairwise(ring)]
+    found = asked(blobs, named, model, Edits(said[:1]))
+    assert ((found.labels.marker == two) == (named.labels.marker == one)).all()
+    assert not np.isin(found.labels.marker, [one, three]).any()
+    assert len(found.suspects) == 2
+    found = asked(blobs, named, model, Edits(said))
+    for had, new in ((one, two), (two, three), (three, one)):
+        assert ((found.labels.marker == new) == (named.labels.marker == had)).all()
+
+
+def test_an_answer_late_in_the_take_holds_from_its_start(named, blobs, model):
+    wrong, parts = exchanged(named, model), cut(blobs, 40)
+    later = replace(parts[0], frames=parts[0].frames + 40)
+    said = blob_of(blobs, named, model, *WORN_WRONG[:1] * 2)
+    edits = Edits([replace(said, frame=said.frame + 40)])
+    given = asked_in_space([blobs, later], [wrong, wrong], CAMERAS, model, RATE, 0.999, edits)
+    for chunk in given:
+        assert (chunk.labels.marker == named.labels.marker).all()
 
 
 def test_two_cameras_or_a_moment_tell_nothing(named, blobs, model):

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A review that tells the truth: what is missing, left over or off the body is said, worst first."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_FIT, NO_MARKER, NO_STEP, Labels, Motion, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, Delete, Edits, Right, Swap
+from addon.core.points.whole_take.deciding import words_of_pair
 from addon.core.review.take_trouble import TakeTrouble
 from addon.core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, OF_CAMERA, OFF_BODY, summary_of_trouble
 from tests.core.scenes import motion_of
@@ -189,6 +192,16 @@ def test_what_answers_a_trouble_fits_it():
         assert ("which is which" in found[0].advice) == ("either way" in found[0].reason)
     [edit] = trouble(even(), suspects=[ALIKE])[0].answers()
     assert edit == Accepted(ALIKE.words, frames=(20, 29)), "markers without a name are not right as they are"
+
+
+def test_two_that_may_be_each_other_are_not_said_to_be_missing_too():
+    alone = without("LHEE", "RHEE")
+    [row] = trouble(alone, suspects=[ALIKE])
+    assert (row.kind, set(row.markers)) == (IN_DOUBT, {"LHEE", "RHEE"})
+    assert trouble(alone, edits=row.answers()) == (), "left unnamed, and labelled again"
+    told = replace(ALIKE, words=words_of_pair(ALIKE.markers, named=True))
+    [row] = trouble(alone, suspects=[told])
+    assert ("which is which" in row.advice, row.answer) == (True, "Leave Unnamed")
 
 
 def test_another_room_is_the_worst_as_no_name_is_to_be_trusted():

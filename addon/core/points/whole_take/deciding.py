@@ -14,7 +14,7 @@ import numpy as np
 from ...data.lanes import PACKING, Lanes, blocks, trajectories_at
 from ...data.made import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ...review.suspects import EITHER_WAY
+from ...review.suspects import EITHER_WAY, NOT_TOLD
 from ..likelihood.model import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over, gone_over_between, vote
@@ -237,9 +237,12 @@ def _questions(solution: Solution, asked: list[Question], names: Sequence[str], 
     return tuple(questions.values())
 
 
-def words_of_pair(pair: Sequence[str]) -> str:
-    """What is said of two markers that may be each other in all of the take."""
-    return " and ".join(pair) + f" {EITHER_WAY} in the whole take: each stays unnamed"
+def words_of_pair(pair: Sequence[str], named: bool = False) -> str:
+    """What is said of two markers that may be each other in all of the take, also after a person `named` blobs so."""
+    who = " and ".join(pair)
+    if named:
+        return f"{who}: the blobs that were named {NOT_TOLD}: each stays unnamed"
+    return f"{who} {EITHER_WAY} in the whole take: each stays unnamed"
 
 
 def pairs_in_doubt(solution: Solution, columns: int, target: float) -> list[tuple[int, int]]:
