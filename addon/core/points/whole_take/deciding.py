@@ -248,9 +248,11 @@ def words_of_pair(pair: Sequence[str], named: bool = False) -> str:
 def pairs_in_doubt(solution: Solution, columns: int, target: float) -> list[tuple[int, int]]:
     """The markers of which a solution doubts which is which, where its first columns are the M markers by their names.
 
-    That is what is asked for the target, and columns that are another marker for most of the time.
+    Columns that are another marker for most of the time, and what is asked for the target. Where the solution gives the
+    same names, two have said so, whose log odds add up: half are enough.
     """
-    pairs = [(one.one, one.other) for one in _asked(solution, target) if max(one.one, one.other) < columns]
+    asked = [one for one in _asked(solution, target) if one.odds < least_margin(target) / 2]
+    pairs = [(one.one, one.other) for one in asked if max(one.one, one.other) < columns]
     tracklets, count = solution.tracklets, np.zeros((columns, columns))
     own = tracklets.lane < columns
     some = own & (solution.marker != NO_MARKER)
