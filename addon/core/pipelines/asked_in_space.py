@@ -81,12 +81,14 @@ def points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, r
 
 
 def _without(blobs: Blobs, chunk: LabelledChunk, pairs: Pairs, cameras: Cameras, model: Model) -> LabelledChunk:
-    """A chunk in which no marker of the pairs has a name, and each pair is asked about."""
+    """A chunk in which no marker of the pairs has a name, and each pair is asked about, but nothing of these names."""
     doubted, names = np.unique(pairs), model.markerset.markers
     labels = chunk.labels.kept(~np.isin(chunk.labels.marker, doubted))
     before = chunk.unedited and chunk.unedited.kept(~np.isin(chunk.unedited.marker, doubted))
     first, last = (int(frame) for frame in chunk.motion.frames[[0, -1]])
-    of_pairs = (tuple(names[one] for one in pair) for pair in pairs)
-    suspects = tuple(Suspect(first, last, words_of_pair(pair), markers=pair) for pair in of_pairs)
+    of_pairs = [tuple(names[one] for one in pair) for pair in pairs]
+    unnamed = set().union(*of_pairs)
+    left = tuple(one for one in chunk.suspects if not one.markers or not unnamed.issuperset(one.markers))
+    suspects = left + tuple(Suspect(first, last, words_of_pair(pair), markers=pair) for pair in of_pairs)
     motion = measured_again(chunk.motion, blobs, chunk.labels, labels, cameras)
-    return replace(chunk, labels=labels, unedited=before, motion=motion, suspects=chunk.suspects + suspects)
+    return replace(chunk, labels=labels, unedited=before, motion=motion, suspects=suspects)

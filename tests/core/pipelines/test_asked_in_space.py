@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk
+from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits
 from addon.core.pipelines.asked_in_space import asked_in_space
 from addon.core.pipelines.blobs import BlobOptions, label_blobs
@@ -60,6 +60,14 @@ def test_neither_of_two_names_that_distances_have_otherwise_is_given(named, blob
     (doubt,) = [one for one in found.suspects if EITHER_WAY in one.words]
     assert set(doubt.markers) == set(WORN_WRONG)
     assert (doubt.first, doubt.last) == tuple(blobs.frames[[0, -1]])
+
+
+def test_a_doubt_about_a_name_that_is_not_given_goes_with_it(named, blobs, model):
+    about = [(), WORN_WRONG, WORN_WRONG[:1], (WORN_WRONG[0], "LKNE"), ("LKNE",)]
+    doubts = tuple(Suspect(0, 0, str(number), markers=markers) for number, markers in enumerate(about))
+    found = asked(blobs, replace(exchanged(named, model), suspects=doubts), model).suspects
+    assert [one.words for one in found[:-1]] == ["0", "3", "4"]
+    assert EITHER_WAY in found[-1].words
 
 
 def test_a_blob_that_a_person_named_answers_for_both(named, blobs, model):
