@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from ..blobs.rereading import REREADING
 from ..data.progress import finished
 from ..data.takes import Blobs, LabelledChunk, Points, Suspect
-from ..edits.kinds import AssignBlob, Edits
+from ..edits.kinds import AssignBlob, Edits, Right
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..points.models import Model
@@ -39,9 +39,11 @@ def asked_in_space(
     """The labelled chunks without the names that are in doubt in the first of them that shows enough of the subject.
 
     Names are given that are right in a part `target` of cases. A doubt is answered by the name of one of its two that a
-    person gave to a blob. By two cameras there is no telling, as their rays always meet somewhere.
+    person gave to a blob, or said to be right in all of the take; in some frames that is said of gaps, too. By two
+    cameras there is no telling, as their rays always meet somewhere.
     """
-    named = {model.markerset.by_name.get(edit.marker) for edit in edits if isinstance(edit, AssignBlob)}
+    told = (edit for edit in edits if isinstance(edit, AssignBlob) or (isinstance(edit, Right) and edit.frames is None))
+    named = {model.markerset.by_name.get(name) for edit in told for name in edit.names}
     pairs: Pairs | None = None if len(cameras) > 2 else []
     for blobs, chunk in zip(chunks, labelled, strict=True):
         if pairs is None and np.count_nonzero(chunk.motion.confidence) >= REREADING.min_frames:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
-from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits
+from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Right, Swap, UnlabelMarker
 from addon.core.pipelines.asked_in_space import asked_in_space
 from addon.core.pipelines.blobs import BlobOptions, label_blobs
 from addon.core.review.answering import unanswered
@@ -76,6 +76,13 @@ def test_a_blob_that_a_person_named_answers_for_both(named, blobs, model):
     edits = Edits([AssignBlob(camera="1", x=0.0, y=0.0, frame=int(blobs.frames[0]), marker=WORN_WRONG[0])])
     assert asked(blobs, wrong, model, edits) is wrong
     assert unanswered([doubt], edits, model.markerset.by_name) == ()
+
+
+def test_names_that_a_person_found_right_in_all_of_the_take_stay(named, blobs, model):
+    wrong = exchanged(named, model)
+    assert asked(blobs, wrong, model, Edits([Right(WORN_WRONG[1])])) is wrong
+    for other in (Right(WORN_WRONG[1], frames=(1, 9)), Right("LKNE"), Swap(WORN_WRONG), UnlabelMarker(WORN_WRONG[0])):
+        assert EITHER_WAY in asked(blobs, wrong, model, Edits([other])).suspects[-1].words
 
 
 def test_two_cameras_or_a_moment_tell_nothing(named, blobs, model):
