@@ -13,8 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blobs.rereading import REREADING
+from ..blobs.subject import Clock
 from ..data.progress import finished
-from ..data.takes import Blobs, LabelledChunk, Points, Suspect
+from ..data.takes import Blobs, LabelledChunk, Points, Suspect, summed
 from ..edits.kinds import AssignBlob, Edits, Right
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
@@ -47,8 +48,11 @@ def asked_in_space(
     pairs: Pairs | None = None if len(cameras) > 2 else []
     for blobs, chunk in zip(chunks, labelled, strict=True):
         if pairs is None and np.count_nonzero(chunk.motion.confidence) >= REREADING.min_frames:
-            pairs = pairs_of(chunk, points_without_names(blobs, chunk, cameras, rate), model, rate, target)
+            clock = Clock()
+            with clock("label"):
+                pairs = pairs_of(chunk, points_without_names(blobs, chunk, cameras, rate), model, rate, target)
             pairs = [pair for pair in pairs if named.isdisjoint(pair)]
+            chunk = replace(chunk, seconds=summed(chunk.seconds, clock.take()))
         yield _without(blobs, chunk, pairs, cameras, model) if pairs else chunk
 
 
