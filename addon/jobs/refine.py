@@ -13,11 +13,9 @@ from ..core.data.errors import InputError, of_file
 from ..core.data.progress import Progress, within
 from ..core.data.takes import Blobs
 from ..core.geometry.cameras import Cameras
-from ..core.pipelines.blobs import BlobOptions
 from ..io.blobs import frames_in, read_blobs
 from ..io.cameras import write_cameras
-from ..io.markersets import markerset_file
-from ..io.models import open_model
+from ..io.markersets import markerset_file, open_markerset
 from ..io.whole import whole_file
 from .job import USUAL_RATE, RoomJob, facts_of_capture
 
@@ -46,11 +44,11 @@ def refine_file(job: RefineJob) -> Generator[Progress, None, tuple[dict, Cameras
         raise InputError("is no file of a calibration that is written; expected a name that ends in .toml", job.out)
     cameras, files = job.opened()
     with whole_file(job.out, job.overwrite, [job.source, markerset_file(job.model), *files]) as target:
-        model = open_model(job.model)
+        markerset = open_markerset(job.model)
         rate = USUAL_RATE if job.rate is None else job.rate
         parts = yield from _read_parts(job, cameras)
         with of_file(job.source):
-            work = refine_cameras(parts, cameras, model, BlobOptions(rate=rate))
+            work = refine_cameras(parts, cameras, markerset, rate)
             found = yield from within(work, READ, 1.0)
         if found.refined or not job.if_refined:
             write_cameras(target, found.cameras)

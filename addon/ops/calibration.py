@@ -11,7 +11,7 @@ from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
 from ..io.whole import free_path
 from ..jobs.refine import RefineJob, refine_file
-from ..props import chosen_model, frames_wanted
+from ..props import as_typed, chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
 from ..scene.cameras import show_refined
 from .base import once, unless
@@ -47,7 +47,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(LongWork, bpy.types.Operator):
             model=chosen_model(settings.subjects),
             out=Path(bpy.path.abspath(path)) if path else free_path(source.with_suffix(""), ENDING),
             frames=frames_wanted(settings.labelling),
-            rate=settings.source.rate,
+            rate=as_typed(settings.source.rate),
             overwrite=bool(path),
             if_refined=True,
         )

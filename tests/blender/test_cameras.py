@@ -128,7 +128,7 @@ def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
     made = scene("moved.toml")
     settings, true = made.mocap_autolabel, files.room
     scene_cameras.look_through(made, settings.source.cameras.objects[MOVED])
-    before = settings.source.cameras
+    before, settings.source.rate = settings.source.cameras, 59.94
     press("refine_calibration")
     path = files.folder / "walk.refined.toml"
     written, chosen = read_cameras(path), scene_cameras.cameras_of(settings.source.cameras, made)
@@ -139,7 +139,7 @@ def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
     assert scene_cameras.camera_name(made.camera) == true.names[MOVED]
     assert made.camera.name in settings.source.cameras.objects
     report = kept_refinement(settings.source.cameras)
-    assert Path(report["out"]) == path
+    assert (Path(report["out"]), report["rate"]) == (path, 59.94)
     moved_row = report["cameras"][true.names[MOVED]]
     assert moved_row["after_px"] < 0.2 < moved_row["before_px"]
     # With the cameras as they are now there is nothing left to do, and nothing is written.

@@ -134,7 +134,9 @@ def test_cameras_that_were_moved_are_put_where_they_stand(refine, room, tmp_path
         assert np.array_equal(getattr(found, field), getattr(true, field))
 
 
-def test_a_good_room_is_written_as_it_was_and_told_so(refine, room, tmp_path):
+def test_a_good_room_is_written_as_it_was_and_told_so(refine, room, tmp_path, monkeypatch):
+    # Whose names two markers have is nothing to cameras; it is asked only of takes that are labelled.
+    monkeypatch.delattr("addon.core.pipelines.blobs.asked_in_space")
     answer = refine().quiet()
     lines, true = answer.out.splitlines(), read_cameras(room.cameras)
     assert lines[-1].startswith(f"{tmp_path / 'refined.toml'}: nothing to refine, the cameras are written as they were")

@@ -268,6 +268,9 @@ def test_chunks_add_up_to_the_whole(frames, cuts):
         assert (facts["gaps"], facts["longest_gap"]) == (len(gaps), max(gaps, default=0))
 
 
+OTHERS = [(3, 3, str(number)) for number in range(20)]
+
+
 @pytest.mark.parametrize(
     ("ranges", "merged"),
     [
@@ -275,6 +278,7 @@ def test_chunks_add_up_to_the_whole(frames, cuts):
         ([(1, 2, "a"), (4, 5, "a")], [(1, 2, "a"), (4, 5, "a")]),
         ([(1, 2, "a"), (3, 5, "b"), (3, 6, "a")], [(1, 6, "a"), (3, 5, "b")]),
         ([(1, 9, "a"), (3, 5, "a")], [(1, 9, "a")]),
+        ([(1, 2, "a"), *OTHERS, (3, 5, "a")], [(1, 5, "a"), *OTHERS]),
     ],
 )
 def test_suspects_that_touch_are_one(ranges, merged):

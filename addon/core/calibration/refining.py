@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..blobs.pipeline import label_take
 from ..data.errors import JobError
+from ..data.markersets import MarkerSet
 from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk
 from ..data.wording import count_of
 from ..geometry.cameras import Cameras
-from ..pipelines.blobs import BlobOptions, label_blobs
-from ..points.models import Model
 from ..review.camera_order import CAMERA_HEALTH
 from ..review.odd_cameras import CameraCheck
 from .adjusting import Sightings, adjusted, held
@@ -55,7 +55,7 @@ def parts_of(first: int, last: int) -> list[tuple[int, int]]:
 
 
 def refine_cameras(
-    parts: Sequence[Blobs], cameras: Cameras, model: Model, options: BlobOptions
+    parts: Sequence[Blobs], cameras: Cameras, markerset: MarkerSet, rate: float
 ) -> Generator[tuple[float, str], None, Refinement]:
     """Moves and turns the cameras so that the named blobs of the parts of a take meet. Intrinsics stay.
 
@@ -66,15 +66,15 @@ def refine_cameras(
     if len(cameras) < 3:
         raise JobError(f"{len(cameras)} cameras cannot tell which of them was moved; expected three or more")
     yield 0.0, "look at the room"
-    _refuse_room(_unlabelled(parts, cameras, model))
+    _refuse_room(_unlabelled(parts, cameras, markerset))
     given, rounds = cameras, 0
     doubts: tuple[str, ...] = ()
     while True:
         span = (rounds / REFINING_ROUNDS, (rounds + 1) / REFINING_ROUNDS)
-        labelled, check = yield from _labelled(parts, given, model, options, span)
+        labelled, check = yield from _labelled(parts, given, markerset, rate, span)
         if not rounds:
             _refuse_room(check)
-            _refuse_nobody(check, model.markerset.name)
+            _refuse_nobody(check, markerset.name)
             doubts = tuple(suspect.reason for suspect in check.suspects())
         rounds += 1
         places, more = check.moved, rounds < REFINING_ROUNDS
@@ -100,23 +100,23 @@ def refine_cameras(
 
 
 def _labelled(
-    parts: Sequence[Blobs], cameras: Cameras, model: Model, options: BlobOptions, span: tuple[float, float]
+    parts: Sequence[Blobs], cameras: Cameras, markerset: MarkerSet, rate: float, span: tuple[float, float]
 ) -> Generator[tuple[float, str], None, tuple[list[LabelledChunk], CameraCheck]]:
     """Each part labelled on its own, and what that says of the cameras."""
-    check, labelled = CameraCheck(cameras, model.markerset), []
+    check, labelled = CameraCheck(cameras, markerset), []
     for number, part in enumerate(parts):
         yield span[0] + (span[1] - span[0]) * number / len(parts), f"label frames from {part.frames[0]}"
-        [chunk] = label_blobs([part], cameras, model, options)
+        [chunk] = label_take([part], cameras, markerset, rate)
         check.add(part, chunk.labels.marker, chunk.motion.expected)
         labelled.append(chunk)
     return labelled, check
 
 
-def _unlabelled(parts: Sequence[Blobs], cameras: Cameras, model: Model) -> CameraCheck:
+def _unlabelled(parts: Sequence[Blobs], cameras: Cameras, markerset: MarkerSet) -> CameraCheck:
     """What the blobs alone say of the room: labelling in a wrong one takes long and shows nothing."""
-    check = CameraCheck(cameras, model.markerset)
+    check = CameraCheck(cameras, markerset)
     for part in parts:
-        nowhere = np.full((len(part.frames), len(model.markerset), 3), np.nan)
+        nowhere = np.full((len(part.frames), len(markerset), 3), np.nan)
         check.add(part, np.full(len(part), NO_MARKER), nowhere)
     return check
 

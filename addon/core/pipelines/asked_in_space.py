@@ -14,10 +14,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..blobs.rereading import REREADING
+from ..blobs.subject import Clock
 from ..data.progress import finished
-from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Points, Suspect
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Points, Suspect, summed
 from ..edits.applying import apply_edits, cells_of_blobs
-from ..edits.kinds import AssignBlob, BlobEdit, Edits, Swap
+from ..edits.kinds import AssignBlob, BlobEdit, Edits, Right, Swap
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..points.models import Model
@@ -42,8 +43,9 @@ def asked_in_space(
     """The labelled chunks without the names that are in doubt in the first of them that shows enough of the subject.
 
     Names are given that are right in a part `target` of cases. A blob that a person named as one of two answers which
-    is which in all of the take, whichever the body had it as, and so does an exchange; chunks are held up to the last
-    blob that was named so. By two cameras there is no telling, as their rays always meet somewhere.
+    is which in all of the take, whichever the body had it as; chunks are held up to the last blob that was named so.
+    That the two are to be exchanged, or that one is right in all of the take, answers, too. By two cameras there is no
+    telling, as their rays always meet somewhere.
     """
     both = zip(chunks, labelled, strict=True)
     for first in both:
@@ -52,11 +54,15 @@ def asked_in_space(
         yield first[1]
     else:
         return
-    asked = _without_person(*first, cameras)
-    pairs = pairs_of(asked, points_without_names(first[0], asked, cameras, rate), model, rate, target)
-    names = model.markerset.by_name
-    swapped = [{names[name] for name in edit.names} for edit in edits if isinstance(edit, Swap)]
-    pairs = [pair for pair in pairs if set(pair) not in swapped]
+    clock, names = Clock(), model.markerset.by_name
+    with clock("label"):
+        asked = _without_person(*first, cameras)
+        pairs = pairs_of(asked, points_without_names(first[0], asked, cameras, rate), model, rate, target)
+    first = first[0], replace(first[1], seconds=summed(first[1].seconds, clock.take()))
+    # Right in some frames is said of gaps, too.
+    told = (edit for edit in edits if isinstance(edit, Swap) or (isinstance(edit, Right) and edit.frames is None))
+    settled = [{names[name] for name in edit.names} for edit in told]
+    pairs = [pair for pair in pairs if not any(one <= set(pair) for one in settled)]
     answers = [edit for edit in edits if isinstance(edit, AssignBlob) and names[edit.marker] in chain(*pairs)]
     held, last = [first], max((edit.frame for edit in answers), default=0)
     while answers and held[-1][0].frames[-1] < last and (more := next(both, None)):
@@ -142,7 +148,7 @@ def _groups(pairs: Pairs) -> list[np.ndarray]:
 def _renamed(
     blobs: Blobs, chunk: LabelledChunk, right: np.ndarray, pairs: Pairs, named: set[int], cameras: Cameras, model: Model
 ) -> LabelledChunk:
-    """A chunk with the names of the pairs as answered, without those that nothing tells, and these pairs asked about.
+    """A chunk with the names of the pairs as answered; without those that nothing tells, which are asked about instead.
 
     By the names that the body gave before a person `named` some, as it bends to those in a few frames only.
     """
@@ -162,10 +168,12 @@ def _renamed(
     off = [np.nansum(np.linalg.norm(motion.markers - one, axis=2), axis=1) for one in (expected, motion.expected)]
     motion = replace(motion, expected=np.where((off[0] <= off[1])[:, None, None], expected, motion.expected))
     first, last = (int(frame) for frame in chunk.motion.frames[[0, -1]])
-    suspects = chunk.suspects
+    markers = model.markerset.markers
+    unnamed = {markers[one] for one in np.setdiff1d(doubted, right)}
+    suspects = tuple(one for one in chunk.suspects if not one.markers or not unnamed.issuperset(one.markers))
     for pair in pairs:
         if not np.isin(pair, right).all():
-            names = tuple(model.markerset.markers[one] for one in pair)
+            names = tuple(markers[one] for one in pair)
             words = words_of_pair(names, named=not named.isdisjoint(pair))
             suspects += (Suspect(first, last, words, markers=names),)
     unedited = None if chunk.unedited is None else before

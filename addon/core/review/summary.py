@@ -30,6 +30,7 @@ class TakeSummary:
         self.steps = dict.fromkeys(STEPS[1:], 0)
         self.seconds: dict[str, float] = {}
         self.suspects: list[Suspect] = []
+        self._latest: dict[str, int] = {}  # by what is said, where the last that says it stands among them
         count = len(self.markers)
         self._present, self._conflicts = np.zeros((2, count), np.int64)
         self._gaps = Ranges(count)
@@ -65,12 +66,13 @@ class TakeSummary:
         self.whole = int(whole[since:].sum()) + (0 if fresh.any() else self.whole)
 
     def _add_suspect(self, suspect: Suspect):
-        for index in range(len(self.suspects) - 1, max(len(self.suspects) - 8, 0) - 1, -1):
+        if (index := self._latest.get(suspect.reason)) is not None:
             last = self.suspects[index]
-            if last.reason == suspect.reason and last.first - 1 <= suspect.first <= last.last + 1:
+            if last.first - 1 <= suspect.first <= last.last + 1:
                 ends = min(last.first, suspect.first), max(last.last, suspect.last)
                 self.suspects[index] = replace(last, first=ends[0], last=ends[1], doubtful=last.frames + suspect.frames)
                 return
+        self._latest[suspect.reason] = len(self.suspects)
         self.suspects.append(suspect)
 
     def of_markers(self) -> dict[str, dict]:

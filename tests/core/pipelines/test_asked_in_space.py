@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk
-from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Swap
+from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
+from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Right, Swap, UnlabelMarker
 from addon.core.geometry.measuring import measured_again
 from addon.core.pipelines.asked_in_space import asked_in_space
 from addon.core.pipelines.blobs import BlobOptions, label_blobs
@@ -48,7 +48,9 @@ def asked(blobs: Blobs, chunk: LabelledChunk, model, edits: Edits = NO_EDITS, ca
 
 def test_names_that_distances_bear_out_stay(named, blobs, model):
     assert set(named.labels.marker) == {NO_MARKER, *range(len(model.markerset))}
-    assert asked(blobs, named, model) is named
+    found = asked(blobs, named, model)
+    assert (found.labels, found.suspects) == (named.labels, named.suspects)
+    assert found.seconds["label"] > named.seconds["label"], "to ask takes time, too"
 
 
 def test_neither_of_two_names_that_distances_have_otherwise_is_given(named, blobs, model):
@@ -62,6 +64,14 @@ def test_neither_of_two_names_that_distances_have_otherwise_is_given(named, blob
     (doubt,) = [one for one in found.suspects if EITHER_WAY in one.words]
     assert set(doubt.markers) == set(WORN_WRONG)
     assert (doubt.first, doubt.last) == tuple(blobs.frames[[0, -1]])
+
+
+def test_a_doubt_about_a_name_that_is_not_given_goes_with_it(named, blobs, model):
+    about = [(), WORN_WRONG, WORN_WRONG[:1], (WORN_WRONG[0], "LKNE"), ("LKNE",)]
+    doubts = tuple(Suspect(0, 0, str(number), markers=markers) for number, markers in enumerate(about))
+    found = asked(blobs, replace(exchanged(named, model), suspects=doubts), model).suspects
+    assert [one.words for one in found[:-1]] == ["0", "3", "4"]
+    assert EITHER_WAY in found[-1].words
 
 
 def blob_of(blobs: Blobs, chunk: LabelledChunk, model, had: str, said: str, frame: int = 20) -> AssignBlob:
@@ -83,7 +93,7 @@ def test_a_blob_that_a_person_named_says_which_is_which_in_the_whole_take(named,
     assert found.suspects == wrong.suspects
     assert unanswered([doubt], edits, model.markerset.by_name) == ()
     as_the_body = Edits([blob_of(blobs, wrong, model, said, said)])
-    assert asked(blobs, wrong, model, as_the_body) is wrong
+    assert asked(blobs, wrong, model, as_the_body).labels is wrong.labels
 
 
 def test_a_body_that_bent_to_a_person_is_asked_as_it_was_before(named, blobs, model):
@@ -100,7 +110,7 @@ def test_a_body_that_bent_to_a_person_is_asked_as_it_was_before(named, blobs, mo
 
 def test_a_person_who_exchanged_the_two_is_not_asked(named, blobs, model):
     wrong = exchanged(named, model)
-    assert asked(blobs, wrong, model, Edits([Swap(WORN_WRONG[::-1])])) is wrong
+    assert asked(blobs, wrong, model, Edits([Swap(WORN_WRONG[::-1])])).labels is wrong.labels
 
 
 def test_a_blob_of_neither_leaves_both_unnamed_and_asked_about(named, blobs, model):
@@ -137,11 +147,18 @@ def test_an_answer_late_in_the_take_holds_from_its_start(named, blobs, model):
         assert (chunk.labels.marker == named.labels.marker).all()
 
 
+def test_names_that_a_person_found_right_in_all_of_the_take_stay(named, blobs, model):
+    wrong = exchanged(named, model)
+    assert asked(blobs, wrong, model, Edits([Right(WORN_WRONG[1])])).labels is wrong.labels
+    for other in (Right(WORN_WRONG[1], frames=(1, 9)), Right("LKNE"), UnlabelMarker(WORN_WRONG[0])):
+        assert EITHER_WAY in asked(blobs, wrong, model, Edits([other])).suspects[-1].words
+
+
 def test_two_cameras_or_a_moment_tell_nothing(named, blobs, model):
     wrong = exchanged(named, model)
-    assert asked(blobs, wrong, model, cameras=CAMERAS.select([0, 1])) is wrong
+    assert asked(blobs, wrong, model, cameras=CAMERAS.select([0, 1])).labels is wrong.labels
     moment = replace(wrong, motion=replace(wrong.motion, confidence=np.where(np.arange(40) < 20, 1.0, 0.0)))
-    assert asked(blobs, moment, model) is moment
+    assert asked(blobs, moment, model).labels is moment.labels
 
 
 def test_what_the_first_chunk_shows_holds_for_all(named, blobs, model):

@@ -384,7 +384,7 @@ class LiveNamer:
         loose = _said_before(ids) | (ids == NO_POINT)
         key = 2 * ids + 1
         key[loose] = 2 * self.links.link(points[loose])
-        number = np.array([self._known(one, place) for one, place in zip(key.tolist(), points, strict=True)], int)
+        number = np.array([self._followed_to(one, place) for one, place in zip(key.tolist(), points, strict=True)], int)
         new = np.flatnonzero(number == NO_POINT).tolist()
         again = self._going_on(number, points) if new else {}
         for at in new:
@@ -398,8 +398,8 @@ class LiveNamer:
             self.given.forget({one.number for one in self.trails.values()})
         return number
 
-    def _known(self, key: int, place: np.ndarray) -> int:
-        """The trajectory of a key that came to a place (3,) m; NO_POINT where there is none, or none that can have."""
+    def _followed_to(self, key: int, place: np.ndarray) -> int:
+        """The trajectory of a key, which goes on at a place (3,) m; NO_POINT where it has none, or none that can."""
         trail = self.trails.get(key)
         if trail is None:
             return NO_POINT
