@@ -57,7 +57,7 @@ def asked_in_space(
     clock, names = Clock(), model.markerset.by_name
     with clock("label"):
         asked = _without_person(*first, cameras)
-        pairs = pairs_of(asked, points_without_names(first[0], asked, cameras, rate), model, rate, target)
+        pairs = pairs_of(first[0], asked, cameras, model, rate, target)
     first = first[0], replace(first[1], seconds=summed(first[1].seconds, clock.take()))
     # Right in some frames is said of gaps, too.
     told = (edit for edit in edits if isinstance(edit, Swap) or (isinstance(edit, Right) and edit.frames is None))
@@ -73,12 +73,13 @@ def asked_in_space(
         yield _renamed(blobs, chunk, right, pairs, named, cameras, model) if pairs else chunk
 
 
-def pairs_of(chunk: LabelledChunk, rest: Points | None, model: Model, rate: float, target: float) -> Pairs:
+def pairs_of(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, model: Model, rate: float, target: float) -> Pairs:
     """Which markers of a chunk may be which others, by the distances between them and all other points."""
     xyz, residual = chunk.motion.markers, chunk.motion.residual
     tracklet = cut(xyz, rate)
     if not can_be_solved(model, tracklet):
         return []
+    rest = _points_without_names(blobs, chunk, cameras, rate)
     if rest is not None:
         others = cut(rest.xyz, rate, rest.lanes)
         tracklet = np.hstack([tracklet, np.where(others >= 0, others + tracklet.max() + 1, others)])
@@ -90,7 +91,7 @@ def pairs_of(chunk: LabelledChunk, rest: Points | None, model: Model, rate: floa
     return [] if solution is None else pairs_in_doubt(solution, len(model.markerset), target)
 
 
-def points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, rate: float) -> Points | None:
+def _points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, rate: float) -> Points | None:
     """The points that blobs without a name make, None where they make none: a chain of names may be one place on.
 
     Of those in the rectangle of the body's image, as ghosts are everywhere.
