@@ -63,6 +63,10 @@ def asked_in_space(
     told = (edit for edit in edits if isinstance(edit, Swap) or (isinstance(edit, Right) and edit.frames is None))
     settled = [{names[name] for name in edit.names} for edit in told]
     pairs = [pair for pair in pairs if not any(one <= set(pair) for one in settled)]
+    if not pairs:
+        yield first[1]
+        yield from (chunk for _, chunk in both)
+        return
     answers = [edit for edit in edits if isinstance(edit, AssignBlob) and names[edit.marker] in chain(*pairs)]
     held, last = [first], max((edit.frame for edit in answers), default=0)
     while answers and held[-1][0].frames[-1] < last and (more := next(both, None)):
@@ -70,7 +74,7 @@ def asked_in_space(
     right = _as_answered(held, pairs, edits.of(edit for edit in edits if isinstance(edit, BlobEdit)), cameras, model)
     named = {names[edit.marker] for edit in answers}
     for blobs, chunk in chain(held, both):
-        yield _renamed(blobs, chunk, right, pairs, named, cameras, model) if pairs else chunk
+        yield _renamed(blobs, chunk, right, pairs, named, cameras, model)
 
 
 def pairs_of(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, model: Model, rate: float, target: float) -> Pairs:
@@ -139,11 +143,13 @@ def _as_answered(held: Held, pairs: Pairs, edits: Edits, cameras: Cameras, model
 
 def _groups(pairs: Pairs) -> list[np.ndarray]:
     """The markers of the pairs, those together that may be each other, be it by way of others."""
-    groups: list[set[int]] = []
-    for pair in pairs:
-        joined = set(pair).union(*(group for group in groups if not group.isdisjoint(pair)))
-        groups = [*(group for group in groups if group.isdisjoint(pair)), joined]
-    return [np.array(sorted(group)) for group in groups]
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    doubted, ends = np.unique(pairs, return_inverse=True)
+    one, other = ends.reshape(-1, 2).T
+    count, group = connected_components(coo_array((np.ones(len(pairs)), (one, other)), (len(doubted),) * 2), False)
+    return [doubted[group == number] for number in range(count)]
 
 
 def _renamed(

@@ -88,7 +88,8 @@ class Kept:
 
     def lacks_prefixes(self, labels: Iterable[str]) -> bool:
         """Whether subjects' names stand before those of markers by what the file says, and before none of these."""
-        prefixes, names = (self.file.all_texts().get(f"SUBJECTS:{one}", ()) for one in ("LABEL_PREFIXES", "NAMES"))
+        texts = self.file.all_texts()
+        prefixes, names = (texts.get(f"SUBJECTS:{one}", ()) for one in ("LABEL_PREFIXES", "NAMES"))
         said = tuple(filter(None, prefixes)) or tuple(f"{name}:" for name in names if name)
         return self.file.whole(USES_PREFIXES) > 0 and not any(label.startswith(said) for label in labels)
 
