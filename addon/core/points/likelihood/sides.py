@@ -62,10 +62,11 @@ NO_SIDES = Sides(np.zeros((0, 4), int), np.zeros(0), np.zeros(0))
 
 def heights(points: np.ndarray) -> np.ndarray:
     """(...) m, how high the first of four points (..., 4, 3) m is over the others' plane; NaN where one is missing."""
-    along, across, up = np.moveaxis(points[..., (2, 3, 0), :] - points[..., 1:2, :], -2, 0)
-    normal = np.cross(along, across)
+    (ax, ay, az), (bx, by, bz), up = (np.moveaxis(points[..., one, :] - points[..., 1, :], -1, 0) for one in (2, 3, 0))
+    # NumPy's cross product takes three times as long.
+    normal = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.einsum("...i,...i->...", normal, up) / np.linalg.norm(normal, axis=-1)
+        return (normal * up).sum(axis=0) / np.sqrt((normal**2).sum(axis=0))
 
 
 def learn_sides(subjects: Sequence[np.ndarray], radius: float) -> Sides:

@@ -42,11 +42,3 @@ def going_on_odds(expected: np.ndarray, seconds: np.ndarray, points: np.ndarray)
     square = ((expected[:, None] - points) ** 2).sum(axis=2) / variance
     odds = -1.5 * np.log(2 * np.pi * variance) - 0.5 * square - np.log(LIKENESS.ghost_density)
     return np.where(np.isnan(odds), -np.inf, odds)
-
-
-def leading(odds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each row of odds (N, M) the best column (N,), its odds (N,), and the best of all others of row and column."""
-    rows, best = np.arange(len(odds)), odds.argmax(axis=1)
-    own, others, rows_beside = odds[rows, best], odds.copy(), odds[:, best]
-    others[rows, best] = rows_beside[rows, rows] = -np.inf
-    return best, own, np.maximum(others.max(axis=1, initial=-np.inf), rows_beside.max(axis=0, initial=-np.inf))

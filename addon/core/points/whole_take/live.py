@@ -26,9 +26,10 @@ from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
-from .along import carried_along, going_on_odds, leading
+from .along import carried_along, going_on_odds
 from .deciding import least_margin
 from .likeness import LIKENESS, NO_EVIDENCE, changed, of_frames, steadiest
+from .matching import leading
 from .objective import OBJECTIVE
 from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames

@@ -246,3 +246,11 @@ def leads(odds: np.ndarray, marker: np.ndarray, first: np.ndarray, last: np.ndar
     np.add.at(rest, (one, marker[other]), (odds[other, marker[one]] - own[other]) * part)
     rest[every, marker] = -np.inf
     return own - rest.max(axis=1, initial=-np.inf)
+
+
+def leading(odds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each row of odds (N, M) the best column (N,), its odds (N,), and the best of all others of row and column."""
+    rows, best = np.arange(len(odds)), odds.argmax(axis=1)
+    own, others, rows_beside = odds[rows, best], odds.copy(), odds[:, best]
+    others[rows, best] = rows_beside[rows, rows] = -np.inf
+    return best, own, np.maximum(others.max(axis=1, initial=-np.inf), rows_beside.max(axis=0, initial=-np.inf))

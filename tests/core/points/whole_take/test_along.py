@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from addon.core.geometry.rotations import turn_of
-from addon.core.points.whole_take.along import carried_along, going_on_odds, leading
+from addon.core.points.whole_take.along import carried_along, going_on_odds
+from addon.core.points.whole_take.matching import leading
 
 BODY = np.random.default_rng(3).uniform(-0.3, 0.3, (7, 3))
 
