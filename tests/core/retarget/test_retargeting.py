@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
-from addon.core.data.errors import InputError
 from addon.core.geometry.rotations import rotation_vector, turn_of
 from addon.core.posing.character import BONE_NAMES, both_sides, character_of
 from addon.core.posing.finer import finer
@@ -17,6 +16,7 @@ from addon.core.retarget.retargeting import Rig, _fading, axes_at_rest, retarget
 from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
 from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, RigBone, rig_bones
+from tests.io.checks import refused
 
 RATE = 100.0
 
@@ -780,5 +780,4 @@ def test_bones_without_a_partner_are_left_out(tmp_path):
 )
 def test_what_maps_nothing_is_refused(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=r"maps no bones; expected a \.bmap"):
-        read_bone_map(tmp_path / name)
+    refused(r"maps no bones; expected a \.bmap", read_bone_map, tmp_path / name)
