@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names that moved up to the next marker, and crowds of more points than markers."""
+"""Names that moved up to the next marker, crowds of more points than markers, and where what is lost goes along."""
 
 from types import SimpleNamespace
 
@@ -8,11 +8,13 @@ import pytest
 
 from addon.core.data.errors import JobError
 from addon.core.data.takes import NO_MARKER
+from addon.core.geometry.rotations import turn_of
 from addon.core.points.likelihood.distances import DistanceConstraints
 from addon.core.points.likelihood.naming import settle
 from addon.core.points.likelihood.shape import Latent, Shape
 from addon.core.points.models import namer_of
 from addon.core.points.refusals import REFUSAL, refuse_unlike
+from addon.core.points.whole_take.along import carried_along, going_on_odds, leading
 from addon.core.points.whole_take.layout import block_exchanges, named_by_layout
 from addon.core.points.whole_take.objective import usual_fit
 
@@ -86,3 +88,36 @@ def test_another_set_sits_elsewhere_and_is_refused(model, markers):
     refuse_unlike(model, namer, markers, own)
     with pytest.raises(JobError, match="does not look like a take of model body26"):
         refuse_unlike(model, namer, markers, other)
+
+
+BODY = np.random.default_rng(3).uniform(-0.3, 0.3, (7, 3))
+
+
+def test_what_is_lost_is_carried_by_what_moves_as_one_rigid_body():
+    now = BODY @ turn_of(np.array([0.4, -1.0, 0.8])).T + [1, 2, 0.5]
+    then = np.array([BODY[1:], np.where((np.arange(1, 7) < 3)[:, None], BODY[1:], np.nan)])
+    found = carried_along(np.repeat(BODY[:1], 2, axis=0), then, now[1:])
+    np.testing.assert_allclose(found[0], now[0], atol=1e-9)
+    assert np.isnan(found[1]).all(), "two know no turn"
+
+
+def test_what_is_near_counts_for_more_than_what_bends_away():
+    near = np.array([[0.05, 0, 0], [0, 0.05, 0], [0, 0, 0.05]])
+    far = near + np.array([0.4, 0, 0])
+    found = carried_along(np.zeros((1, 3)), np.concatenate([near, far])[None], np.concatenate([near, far + 0.1]))
+    assert np.abs(found).max() < 0.001
+
+
+@pytest.mark.parametrize(("seconds", "off", "likely"), [(0.01, 0.01, True), (0.01, 0.05, False), (0.3, 0.05, True)])
+def test_what_is_lost_for_longer_may_be_farther_from_where_it_is_expected(seconds, off, likely):
+    odds = going_on_odds(np.array([[0, 0, 0], [np.nan] * 3]), np.full(2, seconds), np.array([[off, 0, 0]]))
+    assert (odds[0, 0] > 0) == likely and odds[1, 0] == -np.inf
+
+
+def test_the_best_of_a_row_is_compared_with_all_others_of_its_row_and_column():
+    odds = np.random.default_rng(0).normal(size=(4, 6))
+    odds[3] = -np.inf
+    best, own, rival = leading(odds)
+    for row, column in enumerate(best.tolist()):
+        others = np.append(np.delete(odds[row], column), np.delete(odds[:, column], row))
+        assert own[row] == odds[row].max() and rival[row] == others.max()
