@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The bones of rigs by name, form or map; their turns by a body's motion: where limbs reach, which feet are planted."""
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from addon.core.retarget.retargeting import Rig, _fading, axes_at_rest, retarget
 from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
 from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, RigBone, rig_bones
-from tests.io.checks import refused
+from tests.io.checks import memory_within, refused
 
 RATE = 100.0
 
@@ -142,12 +141,9 @@ def test_the_motion_of_a_rig_takes_little_memory_beside_itself(squats):
     """As a button's press waits for it, which fresh memory is a good part of in a long take."""
     character, motion = squats
     motion = tuple(np.concatenate([part] * 20) for part in motion)
-    retarget(character, motion, RATE, rig(), feet=True, hands=True)  # which may load modules
-    tracemalloc.start()
-    turns, _ = retarget(character, motion, RATE, rig(), feet=True, hands=True)
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert most < 2 * turns.nbytes
+    turns, _ = retarget(character, motion, RATE, rig(), feet=True, hands=True)  # which may load modules
+    with memory_within(2 * turns.nbytes):
+        retarget(character, motion, RATE, rig(), feet=True, hands=True)
 
 
 @pytest.mark.parametrize("feet", [True, False])
