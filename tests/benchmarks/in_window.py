@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs a script beside this one in a real Blender's window."""
+"""Goes a way of those beside this file through a real Blender's window."""
 
 import json
 import os
@@ -10,8 +10,8 @@ from pathlib import Path
 from scripts import build, real_blender
 
 
-def in_window(script: str, **task) -> dict:
-    """What a script beside this one, window_NAME.py, sees in a real window; ends where there is none.
+def in_window(way: str, **task) -> dict:
+    """What is seen on a way beside this file, window_NAME.py, in a real window; ends where there is none.
 
     Prints what machine that was.
     """
@@ -21,9 +21,9 @@ def in_window(script: str, **task) -> dict:
             blender = real_blender.find()
             kind = build.for_blender(blender.version, blender.python)
             package = build.build(kind, "linux-x64", folder, compiled=True)
-            (folder / "task.json").write_text(json.dumps({"zip": str(package), **task}))
-            script = Path(__file__).with_name(f"window_{script}.py")
-            done = blender.window(script, folder, home=folder / "home", seconds=500)
+            (folder / "task.json").write_text(json.dumps({"zip": str(package), "way": f"window_{way}", **task}))
+            stage = Path(__file__).parents[1] / "package" / "tours" / "stage.py"
+            done = blender.window(stage, folder, home=folder / "home", seconds=500)
         except LookupError as reason:
             sys.exit(f"tests.benchmarks: {reason}")
         if not (folder / "seen.json").exists():

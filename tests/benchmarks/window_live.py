@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A stream in a real Blender's window: how often it is drawn, and how old what is drawn is; runs as its script."""
+"""A stream in a real Blender's window: how often it is drawn, and how old what is drawn is."""
 
-import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import bpy
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "package" / "tours"))
-
-from stage import TASK, module, play, settings, window
+from stage import TASK, module, settings, window
 
 SECONDS, SETTLED_S = 20.0, 5.0
 
@@ -78,6 +73,3 @@ def ask(many: int):
             return
         row = subjects.performers.add()
         row.name, row.markerset, row.rig = f"p{number + 1}", TASK["markerset"], rig
-
-
-play(walk)

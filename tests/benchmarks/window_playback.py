@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plays 60 frames a second in a real Blender's window, alone and while a long take is labelled; runs as its script."""
+"""Plays 60 frames a second in a real Blender's window, alone and while a long take is labelled."""
 
-import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import bpy
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "package" / "tours"))
-
-from stage import TASK, module, play, running, settings, window
+from stage import TASK, module, running, settings, window
 
 RATE, SETTLED, SECONDS, ROUNDS = 60, 3, 5, 7  # frames a second, s before and of what is counted, and how often
 
@@ -56,6 +51,3 @@ def walk(seen: dict) -> Iterator[float]:
                 bpy.ops.mocap_autolabel.cancel()
                 yield from window.until(lambda: not running())
     bpy.ops.screen.animation_cancel()
-
-
-play(walk)

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Placement quality in Blender: the marker set that is laid out is judged, advice is shown and taken."""
 
-import importlib
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
+from addon.core import placement_quality as core
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 
@@ -33,7 +33,6 @@ def judged(laid):
 def test_the_set_that_is_laid_out_is_judged_as_it_was_learned_and_advice_is_shown_and_taken(judged, empty):
     quality, collection = judged
     report, known = quality.kept_report(collection), open_model("gait15")
-    core = importlib.import_module("addon.core.placement_quality")
     found = core.judge(core.marker_layout(known.markerset, learned=known.likelihood))
     one, two = found.worst()[0]
     assert set(report["pairs"][0]["markers"]) == {found.markers[one], found.markers[two]}

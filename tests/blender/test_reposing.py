@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Armature and body follow what a person says of the labels, and whoever looks at them before that is told."""
 
-import importlib
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -57,7 +56,7 @@ def reposing(extension):
 def later(extension, monkeypatch):
     """Lets nothing follow an edit by itself, as in a window until it has time."""
     for name in ("ops.correcting", "ops.labelling", "ui"):
-        monkeypatch.setattr(importlib.import_module(f"{extension}.addon.{name}"), "follow_soon", lambda **_: None)
+        monkeypatch.setattr(ours(name), "follow_soon", lambda **_: None)
 
 
 def body() -> tuple[np.ndarray, ...]:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A marker set of one's own, learned from labelled takes in the sidebar, and used at once."""
 
-import importlib
 import shutil
 from dataclasses import replace
 from functools import wraps
@@ -47,8 +46,7 @@ def listed(extension, empty, files):
 def own_folder(extension, monkeypatch, tmp_path):
     """The folder of the user's own marker sets, for this test alone."""
     for module in ("ops.training", "props"):
-        found = importlib.import_module(f"{extension}.addon.{module}")
-        monkeypatch.setattr(found, "markerset_folder", lambda create=False: tmp_path)
+        monkeypatch.setattr(ours(module), "markerset_folder", lambda create=False: tmp_path)
     return tmp_path
 
 

@@ -79,11 +79,6 @@ def test_no_output_is_an_input_or_another_output(run, files, what, overwrite):
     assert held(files) == before
 
 
-def test_a_model_may_be_trained_on_in_its_own_place(run, files):
-    answer = run("train", "take.c3d", "--from", "b.markerset.json", "--out", "b.markerset.json", "--overwrite")
-    assert "written over" not in answer.reason
-
-
 @pytest.fixture
 def label(run, room, tmp_path):
     """Labels a few frames of `tmp_path/take.c3d`, or of another, into `tmp_path/out`; gives the folder."""

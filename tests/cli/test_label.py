@@ -10,9 +10,7 @@ import pytest
 
 from addon import blendfile
 from addon.cli import main
-from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Points
-from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.demo.take import MODEL
 from addon.io.markersets import SUFFIX, builtin_markersets, open_markerset
 from addon.io.models import known_models, open_model
@@ -252,18 +250,6 @@ def test_what_makes_no_difference_to_points_is_said(trained, name_points, tmp_pa
         "mocap-autolabel: --height and --facing are not looked at for 3D points: that is for blobs and --method fit",
     ]
     assert report_of(tmp_path / "out" / "anon.c3d")["rate"] == pytest.approx(59.94, abs=0.1)
-
-
-def test_a_rate_that_cannot_be_is_one_sentence_and_nothing_is_named_without_force(run, tmp_path):
-    markerset = open_markerset("gait15")
-    generator, body = np.random.default_rng(3), BodyModel(markerset)
-    markers = body.pose(perform(body, draw_person(markerset, generator), [Act(2.0, 0.8)], rate=60)).markers[:120]
-    write_c3d(tmp_path / "fast.c3d", Points(("",) * 15, markers, np.full(markers.shape[:2], 0.0005), 600.0, 1))
-    given = "label", tmp_path / "fast.c3d", "--model", "gait15", "--out", tmp_path / "out"
-    assert "has a rate that cannot be: at 600 Hz" in run(*given).refusal(1)
-    assert not (tmp_path / "out" / "fast.labels.csv").exists()
-    assert run(*given, "--force").status == 0
-    assert report_of(tmp_path / "out" / "fast.c3d")["provenance"]["options"]["force"] is True
 
 
 def test_all_else_of_a_lab_s_file_goes_with_the_names(run, anonymous, tmp_path):

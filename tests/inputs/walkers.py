@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from addon.cli import main
-from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Points
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.simulation.virtual import Act
 from addon.io.cameras import write_cameras
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import open_markerset
 from addon.io.points import write_c3d
+from tests.core.scenes import walker
 
 FRAMES, RATE, FIRST = 40, 50.0, 7
 WORN = "gait15"
@@ -22,16 +22,11 @@ WORN = "gait15"
 
 def write_pair(folder: Path):
     """Writes `pair.c3d` and `truth.csv`, and the same under their names as `named.c3d`."""
-    markerset = open_markerset(WORN)
-    model, people = BodyModel(markerset), []
-    for seed in (1, 2):
-        generator = np.random.default_rng(seed)
-        bodies = perform(model, draw_person(markerset, generator), [Act(FRAMES / RATE)], rate=RATE)
-        markers = model.pose(bodies).markers[:FRAMES]
-        markers[..., :2] += np.array([0.0, float(seed)]) - markers[0, :, :2].mean(axis=0)
-        people.append(markers)
+    people = [walker(WORN, seed, [Act(FRAMES / RATE)], RATE, noise=0.0)[:FRAMES] for seed in (1, 2)]
+    for number, markers in enumerate(people, 1):
+        markers[..., :2] += np.array([0.0, float(number)]) - markers[0, :, :2].mean(axis=0)
     xyz = np.concatenate(people, axis=1)
-    names = [f"{number}:{name}" for number in (1, 2) for name in markerset.markers]
+    names = [f"{number}:{name}" for number in (1, 2) for name in open_markerset(WORN).markers]
     order = np.concatenate([[0], 1 + np.random.default_rng(4).permutation(len(names) - 1)])
     residual = np.full((FRAMES, len(names)), 0.0005)
     write_c3d(folder / "pair.c3d", Points(("",) * len(names), xyz[:, order], residual, RATE, FIRST))

@@ -2,13 +2,13 @@
 """`STEM.edits.json`: to the letter of the contract, back as it was written, and bad ones refused in one sentence."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from addon.core.data.errors import InputError
 from addon.core.data.takes import MAX_FRAME
 from addon.core.edits.kinds import (
     AssignBlob,
@@ -25,6 +25,8 @@ from addon.core.edits.kinds import (
 )
 from addon.core.edits.rows import MAX_EDITS
 from addon.io.edits import read_edits, write_edits
+
+from .checks import refused
 
 CONTRACT = """{"version": 1, "edits": [
 {"kind": "assign",  "point": 12, "marker": "LKNE", "frames": [100, 250]},
@@ -116,13 +118,9 @@ def test_a_file_is_written_whole_or_not_at_all(path, monkeypatch):
     assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
 
 
-def refusal(path: Path, text: str) -> str:
+def read(path: Path, text: str) -> Edits:
     path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        read_edits(path)
-    assert "; expected " in caught.value.message and "\n" not in caught.value.message
-    assert caught.value.file == str(path)
-    return caught.value.message
+    return read_edits(path)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +141,7 @@ def refusal(path: Path, text: str) -> str:
     ],
 )
 def test_files_that_are_no_edits_are_refused(path, text, said):
-    assert said in refusal(path, text)
+    refused(re.escape(said), read, path, text)
 
 
 BLOB, PLACED = '{"kind": "assign", "camera": "c"', '{"kind": "place", "marker": "A", "frame": 1, "xyz": '
@@ -190,11 +188,11 @@ BLOB, PLACED = '{"kind": "assign", "camera": "c"', '{"kind": "place", "marker": 
     ],
 )
 def test_edits_that_are_none_are_refused_by_their_number(path, row, said):
-    sentence = refusal(path, f'{{"version": 1, "edits": [{{"kind": "right", "marker": "A"}}, {row}]}}')
-    assert sentence.startswith("edit 2 ") and said in sentence
+    text = f'{{"version": 1, "edits": [{{"kind": "right", "marker": "A"}}, {row}]}}'
+    refused(f": edit 2 .*{re.escape(said)}", read, path, text)
 
 
 def test_a_list_of_more_than_anybody_makes_is_refused(path):
     row = '{"kind": "right", "marker": "A"}'
-    sentence = refusal(path, f'{{"version": 1, "edits": [{",".join([row] * (MAX_EDITS + 1))}]}}')
-    assert f"has {MAX_EDITS + 1} edits; expected at most" in sentence
+    text = f'{{"version": 1, "edits": [{",".join([row] * (MAX_EDITS + 1))}]}}'
+    refused(f"has {MAX_EDITS + 1} edits; expected at most", read, path, text)

@@ -42,13 +42,13 @@ def watch(blender_program, make_zip) -> Callable[..., dict]:
     Gives what was seen and the folder in which its pictures are, which all show something. The log has nothing amiss.
     """
 
-    def run(script: str, folder: Path, seconds: float = 600, **task) -> dict:
+    def run(way: str, folder: Path, seconds: float = 600, **task) -> dict:
         from matplotlib.image import imread
 
         package = str(make_zip(zip_for(blender_program), compiled=True))
-        (folder / "task.json").write_text(json.dumps({"zip": package, **task}))
+        (folder / "task.json").write_text(json.dumps({"zip": package, "way": way, **task}))
         try:
-            done = blender_program.window(TOURS / f"{script}.py", folder, home=folder / "home", seconds=seconds)
+            done = blender_program.window(TOURS / "stage.py", folder, home=folder / "home", seconds=seconds)
         except LookupError as reason:
             pytest.skip(str(reason))
         log = done.stdout + done.stderr

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A person's way through a real Blender's window; the scripts in `tours` walk it, this file judges it."""
+"""A person's way through a real Blender's window; the modules in `tours` walk it, this file judges it."""
 
 import shutil
 from dataclasses import replace

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Blobs, Labels
 from addon.core.filling.filling import FILL_METHODS, PLAIN, FilledGap, FilledTake, FillOptions, fill_take, kept_fills_of
@@ -16,8 +15,8 @@ from addon.core.filling.rays import MarkerRays, constrained, rays_of
 from addon.core.filling.smoothing import count_smoothed, smoothed
 from addon.core.geometry.rotations import turn_of
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.virtual import Act, perform
-from tests.core.scenes import built_in, motion_of, person_of
+from addon.core.simulation.virtual import Act
+from tests.core.scenes import built_in, motion_of, walker
 
 RATE = 100.0
 FRAMES = 360
@@ -171,22 +170,16 @@ def test_a_gap_whose_error_would_be_large_is_left_and_what_stands_still_is_fille
         assert np.abs(found.xyz - still).max() < 1e-6, method
 
 
-def walking(markerset) -> np.ndarray:
-    """(T, M, 3) m: a virtual person who walks."""
-    model = BodyModel(markerset)
-    return model.pose(perform(model, person_of(markerset, 4), [Act(1.2, stride=1.0)], RATE, 4)).markers
-
-
 def test_a_clavicle_keeps_still_while_its_marker_is_missing():
     markerset = built_in("body39")
-    truth, shoulder = walking(markerset), markerset.index("LSHO")
+    truth, shoulder = walker("body39", 4, [Act(1.2, stride=1.0)], RATE, noise=0.0), markerset.index("LSHO")
     given = holed(truth, (shoulder, 20, 60)), RATE, FillOptions("body"), markerset, np.arange(len(markerset))
     assert off(finished(fill_take(*given)), truth, shoulder, 20, 60) < 0.002
 
 
 def test_the_fitted_body_fills_what_its_markers_leave_open():
     markerset = built_in("gait15")
-    truth = walking(markerset)
+    truth = walker("gait15", 4, [Act(1.2, stride=1.0)], RATE, noise=0.0)
     knee, ankle = markerset.index("RKNE"), markerset.index("RANK")
     cut, columns = holed(truth, (knee, 30, 70), (ankle, 40, 60)), np.arange(len(markerset))
     found = finished(fill_take(cut, RATE, FillOptions("body"), markerset, columns))

@@ -13,7 +13,6 @@ from addon.core.body.sides import MIRROR
 from addon.core.data.errors import ForceableError, JobError
 from addon.core.data.progress import Progress, finished, rising
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, Labels
-from addon.core.geometry import rotations
 from addon.core.points import refusals, unordered
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.learn import Trial, learn_likelihood, make_trial
@@ -32,8 +31,8 @@ from addon.io.models import open_model
 from addon.io.points import read_points
 from tests.core.data.test_takes import packed
 from tests.core.scenes import RATE, anonymous, walker
+from tests.core.training.test_transfer import leg
 
-PLATES = 3  # of four markers each
 FRAMES = 60
 LEFT_LEG = {"LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB", "LANK", "LHEE", "LTOE"}
 
@@ -43,21 +42,14 @@ def person(seed: int, at=(0.0, 0.0)) -> np.ndarray:
     return walker("gait15", seed, [Act(FRAMES / 60)])[:FRAMES] + np.array([*at, 0])
 
 
-def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
+def robot(seed: int, form: int = 7) -> np.ndarray:
     """(T, 12, 3) m: three rigid plates of four markers that turn about each other."""
-    shape, time, parts = np.random.default_rng(form), np.arange(frames)[:, None] / 50, []
-    for plate in range(PLATES):
-        flat = shape.uniform(-0.12, 0.12, (4, 3))
-        swing = np.hstack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + plate), time])
-        at = np.array([0.35 * plate - 0.35, 0, 0.5 + 0.3 * plate])
-        parts.append(np.einsum("fij,mj->fmi", rotations.turn_of(swing), flat) + at)
-    whole = np.concatenate(parts, axis=1)
-    return whole + np.random.default_rng(seed).normal(0, 0.0004, whole.shape)
+    return leg(300, 2.0, seed, form)
 
 
 @pytest.fixture(scope="module")
 def plated() -> Model:
-    names = tuple(f"M{index}" for index in range(4 * PLATES))
+    names = tuple(f"M{index}" for index in range(12))
     likelihood = learn_likelihood([(robot(1), "one")], names)
     assert likelihood.rigid_bodies is not None
     return Model(segment_markerset([robot(1)], names, "robot"), likelihood)
@@ -125,11 +117,13 @@ def test_a_mirrored_take_is_told_by_frames_of_enough_named_markers_whatever_is_n
                 refuse()
 
 
-@pytest.mark.parametrize("distance", [1.5, 4.0])
-def test_two_subjects_are_said_so(model, distance):
-    both = np.concatenate([person(1), person(2, at=(0.3, distance))], axis=1)
-    said = refused(model, both)
-    assert "two subjects" in said or "several subjects at once" in said
+def test_two_subjects_are_said_so(model, plated):
+    for distance in (1.5, 4.0):
+        both = np.concatenate([person(1), person(2, at=(0.3, distance))], axis=1)
+        said = refused(model, both)
+        assert "two subjects" in said or "several subjects at once" in said
+    both = np.concatenate([robot(1), robot(2) + np.array([2.5, 0, 0])], axis=1)
+    assert "shows two subjects or more that wear robot" in refused(plated, both)
 
 
 def test_two_groups_are_two_subjects_where_nothing_names_points(model):
@@ -138,11 +132,6 @@ def test_two_groups_are_two_subjects_where_nothing_names_points(model):
         refusals.refuse_two_groups(model, both)
     ghosts = np.tile(np.random.default_rng(2).uniform(1, 1.2, (5, 3)), (FRAMES, 1, 1))
     refusals.refuse_two_groups(model, np.concatenate([person(1), ghosts], axis=1))
-
-
-def test_two_on_plates_are_said_so(plated):
-    both = np.concatenate([robot(1), robot(2) + np.array([2.5, 0, 0])], axis=1)
-    assert "shows two subjects or more that wear robot" in refused(plated, both)
 
 
 def test_too_few_points_or_labels_are_said_so_and_a_flood_of_points_before_it_fills_the_memory(model):
@@ -209,6 +198,7 @@ def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model
     refuse_impossible(walk, 4.5 * RATE, None, [model])  # as hard as a sprinter's legs swing
     with pytest.raises(JobError, match=r"has a rate that cannot be: at 600 Hz .* such as 60 Hz"):
         labelled(walk, 10 * RATE, model)
+    labelled(walk, 10 * RATE, model, force=True)
     with pytest.raises(JobError, match="has a rate that cannot be"):
         finished(label_several(anonymous(walk, 10 * RATE), SeveralOptions(model, 2), PointOptions("likelihood")))
     with pytest.raises(JobError, match=r"has its frames out of order: "):

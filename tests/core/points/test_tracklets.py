@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Trajectories in tracklets: where they are cut, how they vote; and takes in lanes, labelled as in columns."""
 
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from tests.core.data.test_takes import packed
+from tests.io.checks import memory_within
 
 from .whole_take.test_solving import pieces
 
@@ -103,13 +103,10 @@ def test_ghosts_of_one_frame_each_change_no_vote_and_take_no_time_or_room():
     marker, ghosts = np.repeat([[0, 1]], 2000, axis=0), 20
     labels, tracklet = said(np.concatenate([marker, np.full((2000, ghosts), -1)], axis=1).T)
     tracklet[:, 2:] = 2 + np.arange(2000 * ghosts).reshape(2000, ghosts)
-    tracemalloc.start()
-    voted = vote(labels, tracklet, NAMES)
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
+    with memory_within(500 * tracklet.size):  # a table of frames by tracklets has a byte for each of 80 million cells
+        voted = vote(labels, tracklet, NAMES)
     assert (voted.labels.marker[:, :2] == [0, 1]).all()
     assert (voted.labels.marker[:, 2:] == -1).all()
-    assert most < 500 * tracklet.size  # a table of frames by tracklets has a byte for each of 80 million cells
 
 
 def test_frames_none_of_which_is_sure_name_a_trajectory_together(model):

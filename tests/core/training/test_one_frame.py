@@ -20,6 +20,7 @@ from addon.core.training.takes import LabelledTake
 from addon.core.training.transfer import without_markers
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
+from tests.core.training.test_transfer import leg
 
 FRAME = 40
 
@@ -162,13 +163,5 @@ def test_markers_in_usual_places_are_known_without_their_names_and_what_is_no_pe
     assert np.mean(same) > 0.8, list(zip(body.markers, given, expected, strict=True))
     sides = [(one[-2:], two[-2:]) for one, two in zip(given, expected, strict=True) if {one[-2], two[-2]} == {"."}]
     assert all(one == two for one, two in sides)
-    # A chain of three boxes that swing: as large as a child, and nobody.
-    rng, time = np.random.default_rng(2), np.linspace(0, 6, 80)
-    box = rng.uniform(-0.15, 0.15, (6, 3))
-    parts, place = [], np.zeros((len(time), 3))
-    for link in range(3):
-        turn = rotations.turn_of(np.column_stack([np.sin(time + link), 0.5 * np.cos(2 * time), 0 * time]))
-        parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, np.add(box, [0, 0, 0.25])))
-        place = place + turn @ np.array([0, 0, 0.5])
-    points = np.concatenate(parts, axis=1)
-    assert person_in([points], [f"B{number}" for number in range(18)], "box", [actor]) is None
+    chain = leg(80, size=2.0)  # as large as somebody, and nobody
+    assert person_in([chain], [f"B{number}" for number in range(12)], "box", [actor]) is None

@@ -142,9 +142,9 @@ LEG = (
 )
 
 
-def leg(frames: int = 120, size: float = 1.0, seed: int = 0) -> np.ndarray:
+def leg(frames: int = 120, size: float = 1.0, seed: int = 0, form: int = 7) -> np.ndarray:
     """(T, 12, 3) a hanging chain of three rigid parts with four markers each; it swings and twists as it walks."""
-    form, motion = np.random.default_rng(7), np.random.default_rng(seed)
+    form, motion = np.random.default_rng(form), np.random.default_rng(seed)
     time = np.arange(frames)[:, None] / 60
     place, turn, parts = time * [0.5, 0, 0] + [0, 0, 1], np.eye(3), []
     for joint, height, amount, often in LEG:

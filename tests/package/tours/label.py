@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A hand that corrects a take with the tool Label in a real Blender's window, by pointer and keys."""
 
-import sys
 from collections.abc import Generator, Iterator
-from pathlib import Path
 
 import bpy
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
 import stage
 from stage import window
 
@@ -186,6 +181,3 @@ def lasso(path: list[stage.Place]) -> Iterator[float]:
     stage.event("LEFTMOUSE", "RELEASE", path[-1], ctrl=True)
     stage.event("LEFT_CTRL", "RELEASE", path[-1])
     yield 0.5
-
-
-stage.play(walk)

@@ -4,15 +4,10 @@
 Then the same where another set fits as well, and the button that answers is pressed.
 """
 
-import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import bpy
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
 import stage
 from stage import settings, state, window
 
@@ -43,6 +38,3 @@ def walk(seen: dict) -> Iterator[float]:
     yield from stage.done(lambda: settings().take is not None)
     seen["answered"] = stage.now()[0].names[0][:2]
     yield from window.screenshot("4-answered")
-
-
-stage.play(walk)

@@ -1,14 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A rig that is moved by a take in a real Blender's window: it follows a choice, a correction and undo, and is kept."""
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import bpy
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
 import stage
 from stage import settings, window
 
@@ -79,6 +74,3 @@ def moved() -> Iterator[float]:
 def is_left_behind() -> bool:
     """Whether the rig's preview is to be made again."""
     return stage.module("scene.rig_preview").is_left_behind(bpy.context, bpy.data.objects[RIG])
-
-
-stage.play(walk)

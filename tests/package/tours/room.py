@@ -3,15 +3,10 @@
 again, undone, redone, saved and reopened."""
 
 import hashlib
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import bpy
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
 import stage
 from stage import window
 
@@ -86,6 +81,3 @@ def take_now(name: str) -> dict:
         "labels": hashlib.sha256(np.ascontiguousarray(take.labels.marker)).hexdigest(),
         "file": hashlib.sha256(file.read_bytes()).hexdigest(),
     }
-
-
-stage.play(walk)

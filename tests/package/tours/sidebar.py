@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A person's way through the sidebar, walked in a real Blender's window by pointer and keys, stage by stage."""
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from stage import OUT, TASK, now, play, running, settings, state, window
+from stage import OUT, TASK, now, running, settings, state, window
 
 OPEN, LABEL = "mocap_autolabel.import_take", "mocap_autolabel.label"
 THEMES = ("Blender_Light", "Blender_Dark")
@@ -118,6 +114,3 @@ def look(name: str, seen: dict) -> Iterator[float]:
         path = next(Path(folder, f"{theme}.xml") for folder in bpy.utils.preset_paths("interface_theme"))
         bpy.ops.script.execute_preset(filepath=str(path), menu_idname="USERPREF_MT_interface_theme_presets")
         yield from window.screenshot(f"{name}-{theme.removeprefix('Blender_').lower()}")
-
-
-play(walk)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the ways through a real Blender's window share: the task, the extension, and what a person sees there.
 
-A way is a script of the window's. Its task is the JSON file `task.json` in the folder MOCAP_OUT, with the zip and what
-else it names. It judges nothing: what it saw goes to `seen.json` beside its pictures, for a test to judge.
+This is the window's script. Its task is the JSON file `task.json` in the folder MOCAP_OUT, with the zip, the way, which
+is a module beside this one or of the benchmarks, and what else that names. A way judges nothing: what it saw goes to
+`seen.json` beside its pictures, for a test to judge.
 """
 
 import importlib
@@ -19,6 +20,8 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Euler
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "scripts"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import window
 
@@ -143,3 +146,7 @@ def middle() -> Place:
     """The middle of the 3D view."""
     region = window.region("WINDOW")
     return region.x + region.width // 2, region.y + region.height // 2
+
+
+if __name__ == "__main__":
+    play(importlib.import_module(TASK["way"]).walk)

@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The trajectory timeline in a real Blender's window: clicked, dragged along and scrolled."""
 
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import bpy
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from stage import TASK, module, play, settings, window
+from stage import TASK, module, settings, window
 
 RATE, HEIGHT = 120.0, 1.75
 GHOSTS, FLICKERS = 20, 600  # trajectories without a name, long and short ones
@@ -153,6 +148,3 @@ def make_take(frames: int):
     )
     cameras = module("core.geometry.cameras").NO_CAMERAS
     return module("scene.take").Take("long", RATE, cameras, markerset, points, labels, motion, doubts)
-
-
-play(walk)

@@ -1,16 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A second person's way: a take opened, labelled, a swap mended, gaps filled, on a Rigify rig, exported; counted."""
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import bpy
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
 import stage
 from stage import settings, state, window
 
@@ -84,6 +79,3 @@ def waited(steps: dict, name: str, clicks: int, keys: int = 0) -> Iterator[None]
     begun = time.monotonic()
     yield
     steps[name] = [clicks, keys, time.monotonic() - begun]
-
-
-stage.play(walk)

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from addon.core.data.errors import InputError
 from addon.core.data.takes import BY_PARTIAL_SOLVERS, NO_STEP, Labels
 from addon.core.papers.partial_solvers import frames
 from addon.core.papers.partial_solvers.assess import Occlusions, assess, draw_occlusions
@@ -21,6 +20,7 @@ from addon.core.papers.partial_solvers.solver import TreeSearch
 from addon.core.papers.partial_solvers.training import SEARCHES, Training
 from tests.accuracy.partial.clouds import Trouble, spoilt
 from tests.core.papers.partial_solvers.plain import moving, named_by, trained
+from tests.io.checks import refused
 
 NAMES = tuple("ABCDEFG")
 OPTIONS = Training(functions=FUNCTIONS, survey_frames=60, check_frames=200, genetics=Genetics(16, 10), wrong=400)
@@ -162,10 +162,8 @@ def test_nothing_to_name(partial_solvers, shape):
 
 
 def test_too_little_to_learn_from():
-    with pytest.raises(InputError, match="only 2 markers"):
-        trained(np.zeros((50, 2, 3)), ("A", "B"))
-    with pytest.raises(InputError, match="fewer than two frames"):
-        trained(np.full((50, 4, 3), np.nan), NAMES[:4])
+    refused("only 2 markers", trained, np.zeros((50, 2, 3)), ("A", "B"))
+    refused("fewer than two frames", trained, np.full((50, 4, 3), np.nan), NAMES[:4])
 
 
 def test_frames_with_gaps_can_be_learned_from(points):

@@ -8,7 +8,7 @@ import pytest
 
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
-from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points, Verdict
+from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Verdict
 from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
 from addon.core.points.likelihood.sides import NO_SIDES
@@ -25,7 +25,7 @@ from addon.core.points.whole_take.search import Search
 from addon.core.points.whole_take.solution import Solution
 from addon.core.points.whole_take.solving import solve_take
 from addon.core.points.whole_take.tracklets import Tracklets, seen_in, tracklets_of
-from tests.core.scenes import in_pieces
+from tests.core.scenes import anonymous, in_pieces
 
 RATE = 100.0
 FRAMES = 300
@@ -378,8 +378,7 @@ def everything(model, markers):
 
 
 def rulings_of(model, markers, labels: Labels, *edits) -> Rulings:
-    take = Points(("",) * markers.shape[1], markers, markers[..., 0], RATE, 1)
-    cells = cells_of_take(take, model.markerset.by_name, len(model.markerset))
+    cells = cells_of_take(anonymous(markers, RATE), model.markerset.by_name, len(model.markerset))
     return Rulings(apply_edits(labels, Edits(edits), cells).edited, labels, cut(markers, RATE), None)
 
 
