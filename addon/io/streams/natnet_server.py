@@ -116,32 +116,16 @@ def _y_up(points: Sequence[Sequence[float]]) -> np.ndarray:
 
 
 def packed_frame(
-    number: int,
-    seconds: float,
-    sets: Mapping[str, np.ndarray],
-    others: np.ndarray,
-    markers: np.ndarray,
-    *packed: Sequence[bytes],
-    sized: bool = False,
+    number: int, seconds: float, sets: Mapping[str, np.ndarray], others: np.ndarray, markers: np.ndarray
 ) -> bytes:
-    """The content of a message: places (M, 3) m of marker sets, other points (P, 3) m, and `markers` of that kind.
-
-    `packed` are its bodies, skeletons, assets, force plates and devices; `sized`, whether lists say how many bytes they
-    have, as from version 4.1 on.
-    """
-    bodies, skeletons, assets, plates, devices = packed or [()] * 5
-
-    def listed(parts: Sequence[bytes], count: int) -> bytes:
-        content = b"".join(parts)
-        return WIRE_WORD.pack(count) + (WIRE_WORD.pack(len(content)) if sized else b"") + content
-
+    """The content of a message: places (M, 3) m of marker sets, other points (P, 3) m, and `markers` of that kind."""
     own = [_text(name) + WIRE_WORD.pack(len(places)) + places.astype("<f4").tobytes() for name, places in sets.items()]
-    lists = [(own, len(own)), ([others.astype("<f4").tobytes()], len(others)), (bodies, len(bodies))]
-    lists += [(skeletons, len(skeletons)), *[(assets, len(assets))] * sized, ([markers.tobytes()], len(markers))]
-    lists += [(plates, len(plates)), (devices, len(devices))]
-    content = [WIRE_WORD.pack(number), *(listed(*one) for one in lists)]
+    none = WIRE_WORD.pack(0)  # of rigid bodies, skeletons, force plates and devices
+    content = [WIRE_WORD.pack(number), WIRE_WORD.pack(len(own)), *own]
+    content += [WIRE_WORD.pack(len(others)), others.astype("<f4").tobytes(), none, none]
+    content += [WIRE_WORD.pack(len(markers)), markers.tobytes(), none, none]
     # No time code, no stamps of the cameras' clock; then no flags, and the end.
-    return b"".join([*content, struct.pack("<IId3Q", 0, 0, seconds, 0, 0, 0), bytes(8 * sized), bytes(6)])
+    return b"".join([*content, struct.pack("<IId3Q", 0, 0, seconds, 0, 0, 0), bytes(6)])
 
 
 def packed_models(sets: Mapping[str, Sequence[str]]) -> bytes:

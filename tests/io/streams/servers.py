@@ -22,7 +22,6 @@ from addon.io.streams.natnet import (
     TRANSPORT,
     message,
 )
-from addon.io.streams.natnet_server import packed_frame
 from addon.io.streams.wire import StreamFrame
 
 
@@ -242,7 +241,12 @@ class NatNetServer(Server):
         bodies = struct.pack("<II", 1, 2) + body * 2
         asset = struct.pack("<II", 1, 1) + body + struct.pack("<II4fHf", 1, 7, 1, 2, 3, 4, 2, 0.1)
         device = struct.pack("<IIIfI2f", 1, 2, 1, 5.0, 2, 6.0, 7.0)
-        packed = [[part] * 2 for part in (body, bodies, asset, device, device)]
-        sets = {"all": np.ones((1, 3)), "actor": np.ones((2, 3))}
+        sets = [b"all\0" + struct.pack("<I3f", 1, 1, 1, 1), b"actor\0" + struct.pack("<I6f", 2, 1, 1, 1, 1, 1, 1)]
         labelled, sized = markers[:0] if self.legacy else markers, self.version >= (4, 1)
-        return packed_frame(frame.number, frame.seconds, sets, y_up, labelled, *packed, sized=sized)
+        lists = [(sets, 2), ([y_up.astype("<f4").tobytes()], len(y_up)), ([body] * 2, 2), ([bodies] * 2, 2)]
+        lists += [*[([asset] * 2, 2)] * sized, ([labelled.tobytes()], len(labelled)), *[([device] * 2, 2)] * 2]
+        content = struct.pack("<I", frame.number)
+        for parts, many in lists:
+            whole = b"".join(parts)
+            content += struct.pack("<II", many, len(whole))[: 4 + 4 * sized] + whole
+        return content + struct.pack("<IId3Q", 0, 0, frame.seconds, 0, 0, 0) + bytes(8 * sized + 6)
