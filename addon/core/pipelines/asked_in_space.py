@@ -117,7 +117,7 @@ def pairs_of(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, asked: Asked)
     own, model = asked.own, asked.model
     xyz, residual = chunk.motion.markers[:, own], chunk.motion.residual[:, own]
     tracklet = cut(xyz, asked.rate)
-    if not can_be_solved(model, tracklet) or _borne_out(blobs, chunk.labels, asked):
+    if not can_be_solved(model, tracklet) or _borne_out(blobs, chunk, asked):
         return []
     rest = _points_without_names(blobs, chunk, cameras, asked)
     if rest is not None:
@@ -132,13 +132,15 @@ def pairs_of(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, asked: Asked)
     return [(one + asked.first, other + asked.first) for one, other in found]
 
 
-def _borne_out(blobs: Blobs, labels: Labels, asked: Asked) -> bool:
-    """Whether points have most blobs of each of the subject's markers by the same name, where there are points."""
+def _borne_out(blobs: Blobs, chunk: LabelledChunk, asked: Asked) -> bool:
+    """Whether points, if there are some, have most of each marker that is found for a while by the same name."""
     if asked.points is None:
         return False
-    same = labels.kept(asked.points(blobs).marker == labels.marker)
-    given, borne = (np.bincount(one.marker[one.named], minlength=len(asked.worn))[asked.own] for one in (labels, same))
-    return bool((2 * borne >= given).all())
+    labels, points = chunk.labels, asked.points(blobs)
+    some = labels.named & points.named, labels.named & (points.marker == labels.marker)
+    both, same = (np.bincount(labels.marker[one], minlength=len(asked.worn))[asked.own] for one in some)
+    found = np.isfinite(chunk.motion.markers[:, asked.own, 0]).sum(axis=0) >= REREADING.min_frames // 2
+    return bool((~found | (2 * same > both)).all())
 
 
 def _points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, asked: Asked) -> Points | None:
