@@ -6,8 +6,8 @@ the other way round, or an arm that is named one place on. The distances between
 have otherwise, or do not tell apart, neither is given, and a person is asked.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -15,13 +15,16 @@ from threadpoolctl import threadpool_limits
 
 from ..blobs.rereading import REREADING
 from ..blobs.subject import Clock
+from ..data.markersets import Worn
 from ..data.progress import finished
-from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Points, Suspect, summed
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Points, Suspect, summed
 from ..edits.applying import apply_edits, cells_of_blobs
 from ..edits.kinds import AssignBlob, BlobEdit, Edits, Right, Swap
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..points.models import Model
+from ..points.several.together import said_of
+from ..points.several.wearers import Wearer
 from ..points.tracklets import cut
 from ..points.whole_take.deciding import can_be_solved, pairs_in_doubt, words_of_pair
 from ..points.whole_take.pipeline import PointOptions, name_frames, solution_for
@@ -31,79 +34,124 @@ Pairs = list[tuple[int, int]]
 Held = Sequence[tuple[Blobs, LabelledChunk]]
 
 
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Whose names are asked about, and how sure they must be.
+
+    worn     the markers of all who are in the take, of whom the subject's begin with `first`
+    model    that of the subject
+    rate     frames a second
+    target   the part of cases in which names that are given are right
+    edits    what a person said of all
+    subject  who it is; None where nobody else is asked about
+    points   what points say of a chunk's blobs; None where nothing does. Names that they bear out are not asked about
+    """
+
+    worn: Worn
+    model: Model
+    first: int
+    rate: float
+    target: float
+    edits: Edits
+    subject: Wearer | None = None
+    points: Callable[[Blobs], Labels] | None = None
+
+    @property
+    def own(self) -> slice:
+        """Where the subject's markers are among all."""
+        return slice(self.first, self.first + len(self.model.markerset))
+
+    def suspect(self, chunk: LabelledChunk, pair: tuple[int, int], named: bool) -> Suspect:
+        """What is asked about two markers in a chunk, also after a person `named` blobs so."""
+        first, last = (int(frame) for frame in chunk.motion.frames[[0, -1]])
+        names = tuple(self.model.markerset.markers[one - self.first] for one in pair)
+        suspect = Suspect(first, last, words_of_pair(names, named), markers=names)
+        return suspect if self.subject is None else said_of(suspect, self.subject)
+
+
 def asked_in_space(
-    chunks: Iterable[Blobs],
-    labelled: Iterable[LabelledChunk],
-    cameras: Cameras,
-    model: Model,
-    rate: float,
-    target: float,
-    edits: Edits,
+    chunks: Iterable[Blobs], labelled: Iterable[LabelledChunk], cameras: Cameras, asked: Asked
 ) -> Iterator[LabelledChunk]:
     """The labelled chunks without the names that are in doubt in the first of them that shows enough of the subject.
 
-    Names are given that are right in a part `target` of cases. A blob that a person named as one of two answers which
-    is which in all of the take, whichever the body had it as; chunks are held up to the last blob that was named so.
-    That the two are to be exchanged, or that one is right in all of the take, answers, too. By two cameras there is no
-    telling, as their rays always meet somewhere.
+    A blob that a person named as one of two answers which is which in all of the take, whichever the body had it as;
+    chunks are held up to the last blob that was named so. That the two are to be exchanged, or that one is right in all
+    of the take, answers, too. By two cameras there is no telling, as their rays always meet somewhere.
     """
-    both = zip(chunks, labelled, strict=True)
-    for first in both:
-        if len(cameras) > 2 and np.count_nonzero(first[1].motion.confidence) >= REREADING.min_frames:
+    both, names = zip(chunks, labelled, strict=True), asked.worn.by_name
+    held: list[tuple[Blobs, LabelledChunk]] = []
+    for one in both:
+        held.append(one)
+        shown = np.count_nonzero(np.isfinite(one[1].motion.expected[:, asked.first, 0]))
+        if len(cameras) > 2 and shown >= REREADING.min_frames:
             break
-        yield first[1]
+        if len(cameras) <= 2 or not shown:
+            yield from (chunk for _, chunk in held)
+            held = []
     else:
+        yield from (chunk for _, chunk in held)
         return
-    clock, names = Clock(), model.markerset.by_name
+    clock, (blobs, chunk) = Clock(), held[-1]
     with clock("label"):
-        asked = _without_person(*first, cameras)
-        pairs = pairs_of(first[0], asked, cameras, model, rate, target)
-    first = first[0], replace(first[1], seconds=summed(first[1].seconds, clock.take()))
+        pairs = pairs_of(blobs, _without_person(blobs, chunk, cameras), cameras, asked)
+    held[-1] = blobs, replace(chunk, seconds=summed(chunk.seconds, clock.take()))
     # Right in some frames is said of gaps, too.
-    told = (edit for edit in edits if isinstance(edit, Swap) or (isinstance(edit, Right) and edit.frames is None))
+    told = (edit for edit in asked.edits if isinstance(edit, Swap) or (isinstance(edit, Right) and edit.frames is None))
     settled = [{names[name] for name in edit.names} for edit in told]
     pairs = [pair for pair in pairs if not any(one <= set(pair) for one in settled)]
     if not pairs:
-        yield first[1]
-        yield from (chunk for _, chunk in both)
+        yield from (chunk for _, chunk in chain(held, both))
         return
-    answers = [edit for edit in edits if isinstance(edit, AssignBlob) and names[edit.marker] in chain(*pairs)]
-    held, last = [first], max((edit.frame for edit in answers), default=0)
+    answers = [edit for edit in asked.edits if isinstance(edit, AssignBlob) and names[edit.marker] in chain(*pairs)]
+    last = max((edit.frame for edit in answers), default=0)
     while answers and held[-1][0].frames[-1] < last and (more := next(both, None)):
         held.append(more)
-    right = _as_answered(held, pairs, edits.of(edit for edit in edits if isinstance(edit, BlobEdit)), cameras, model)
+    right = _as_answered(held, pairs, cameras, asked)
     named = {names[edit.marker] for edit in answers}
     for blobs, chunk in chain(held, both):
-        yield _renamed(blobs, chunk, right, pairs, named, cameras, model)
+        yield _renamed(blobs, chunk, right, pairs, named, cameras, asked)
 
 
-def pairs_of(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, model: Model, rate: float, target: float) -> Pairs:
+def pairs_of(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, asked: Asked) -> Pairs:
     """Which markers of a chunk may be which others, by the distances between them and all other points."""
-    xyz, residual = chunk.motion.markers, chunk.motion.residual
-    tracklet = cut(xyz, rate)
-    if not can_be_solved(model, tracklet):
+    own, model = asked.own, asked.model
+    xyz, residual = chunk.motion.markers[:, own], chunk.motion.residual[:, own]
+    tracklet = cut(xyz, asked.rate)
+    if not can_be_solved(model, tracklet) or _borne_out(blobs, chunk, asked):
         return []
-    rest = _points_without_names(blobs, chunk, cameras, rate)
+    rest = _points_without_names(blobs, chunk, cameras, asked)
     if rest is not None:
-        others = cut(rest.xyz, rate, rest.lanes)
+        others = cut(rest.xyz, asked.rate, rest.lanes)
         tracklet = np.hstack([tracklet, np.where(others >= 0, others + tracklet.max() + 1, others)])
         xyz, residual = np.hstack([xyz, rest.xyz[:]]), np.hstack([residual, rest.residual[:]])
-    take = Points(("",) * xyz.shape[1], xyz, residual, rate, int(chunk.motion.frames[0]))
+    take = Points(("",) * xyz.shape[1], xyz, residual, asked.rate, int(chunk.motion.frames[0]))
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
-        frames = finished(name_frames(take, tracklet, model, PointOptions("likelihood", target, force=True)))
+        frames = finished(name_frames(take, tracklet, model, PointOptions("likelihood", asked.target, force=True)))
         solution = finished(solution_for(frames, frames.labels, tracklet))
-    return [] if solution is None else pairs_in_doubt(solution, len(model.markerset), target)
+    found = [] if solution is None else pairs_in_doubt(solution, len(model.markerset), asked.target)
+    return [(one + asked.first, other + asked.first) for one, other in found]
 
 
-def _points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, rate: float) -> Points | None:
+def _borne_out(blobs: Blobs, chunk: LabelledChunk, asked: Asked) -> bool:
+    """Whether points, if there are some, have most of each marker that is found for a while by the same name."""
+    if asked.points is None:
+        return False
+    labels, points = chunk.labels, asked.points(blobs)
+    some = labels.named & points.named, labels.named & (points.marker == labels.marker)
+    both, same = (np.bincount(labels.marker[one], minlength=len(asked.worn))[asked.own] for one in some)
+    found = np.isfinite(chunk.motion.markers[:, asked.own, 0]).sum(axis=0) >= REREADING.min_frames // 2
+    return bool((~found | (2 * same > both)).all())
+
+
+def _points_without_names(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras, asked: Asked) -> Points | None:
     """The points that blobs without a name make, None where they make none: a chain of names may be one place on.
 
     Of those in the rectangle of the body's image, as ghosts are everywhere.
     """
-    body = cameras.project(chunk.motion.expected)  # (C, T, M, 2)
+    body = cameras.project(chunk.motion.expected[:, asked.own])  # (C, T, M, 2)
     at, free = (blobs.camera, blobs.frame), ~chunk.labels.named
     within = (blobs.xy >= body.min(axis=2)[at]) & (blobs.xy <= body.max(axis=2)[at])
-    points = PointsOfBlobs(cameras, rate)
+    points = PointsOfBlobs(cameras, asked.rate)
     points.add(blobs.part(slice(0, len(blobs.frames)), np.flatnonzero(free & within.all(axis=1))))
     return points.take() if len(points.spans.lasting(points.frames)) else None
 
@@ -116,16 +164,17 @@ def _without_person(blobs: Blobs, chunk: LabelledChunk, cameras: Cameras) -> Lab
     return replace(chunk, labels=chunk.unedited, motion=motion)
 
 
-def _as_answered(held: Held, pairs: Pairs, edits: Edits, cameras: Cameras, model: Model) -> np.ndarray:
+def _as_answered(held: Held, pairs: Pairs, cameras: Cameras, asked: Asked) -> np.ndarray:
     """(M,) the marker that each name of the body is, by the blobs that a person named; NO_MARKER where none tells.
 
     Of markers that may be each other, the last is known by the rest.
     """
-    count = len(model.markerset)
+    edits, worn = asked.edits.of(edit for edit in asked.edits if isinstance(edit, BlobEdit)), asked.worn
+    count = len(worn)
     said = np.zeros((count, count), int)  # how many blobs of each name a person gave each name
     for blobs, chunk in held if edits else ():
         before = chunk.unedited or chunk.labels
-        edited = apply_edits(before, edits, cells_of_blobs(blobs, cameras.names, model.markerset.by_name, count)).edited
+        edited = apply_edits(before, edits, cells_of_blobs(blobs, cameras.names, worn.by_name, count)).edited
         own = edited.named & before.named
         np.add.at(said, (before.marker[own], edited.labels.marker[own]), 1)
     right = np.arange(count)
@@ -153,7 +202,7 @@ def _groups(pairs: Pairs) -> list[np.ndarray]:
 
 
 def _renamed(
-    blobs: Blobs, chunk: LabelledChunk, right: np.ndarray, pairs: Pairs, named: set[int], cameras: Cameras, model: Model
+    blobs: Blobs, chunk: LabelledChunk, right: np.ndarray, pairs: Pairs, named: set[int], cameras: Cameras, asked: Asked
 ) -> LabelledChunk:
     """A chunk with the names of the pairs as answered; without those that nothing tells, which are asked about instead.
 
@@ -174,14 +223,9 @@ def _renamed(
     expected[:, right[known]] = motion.expected[:, known]
     off = [np.nansum(np.linalg.norm(motion.markers - one, axis=2), axis=1) for one in (expected, motion.expected)]
     motion = replace(motion, expected=np.where((off[0] <= off[1])[:, None, None], expected, motion.expected))
-    first, last = (int(frame) for frame in chunk.motion.frames[[0, -1]])
-    markers = model.markerset.markers
-    unnamed = {markers[one] for one in np.setdiff1d(doubted, right)}
+    unnamed = {asked.worn.markers[one] for one in np.setdiff1d(doubted, right)}
     suspects = tuple(one for one in chunk.suspects if not one.markers or not unnamed.issuperset(one.markers))
-    for pair in pairs:
-        if not np.isin(pair, right).all():
-            names = tuple(markers[one] for one in pair)
-            words = words_of_pair(names, named=not named.isdisjoint(pair))
-            suspects += (Suspect(first, last, words, markers=names),)
+    open_pairs = (pair for pair in pairs if not np.isin(pair, right).all())
+    suspects += tuple(asked.suspect(chunk, pair, not named.isdisjoint(pair)) for pair in open_pairs)
     unedited = None if chunk.unedited is None else before
     return replace(chunk, labels=labels, unedited=unedited, motion=motion, suspects=suspects)

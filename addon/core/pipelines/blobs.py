@@ -31,7 +31,7 @@ from ..points.models import Model, chosen_method, plain_method
 from ..points.several.together import with_bodies_of
 from ..points.whole_take.pipeline import USUAL_TARGET, PointOptions
 from ..review.answering import unanswered, without_accepted
-from .asked_in_space import asked_in_space
+from .asked_in_space import Asked, asked_in_space
 from .through_points import label_through_points
 
 
@@ -82,7 +82,8 @@ def _labelled(chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: 
         own, chunks = tee(chunks)
         given = options.rate, options.hints, options.occlusion, options.edits
         labelled = label_take(chunks, cameras, model.markerset, *given)
-        return asked_in_space(own, labelled, cameras, model, options.rate, options.target, options.edits)
+        asked = Asked(model.markerset, model, 0, options.rate, options.target, options.edits)
+        return asked_in_space(own, labelled, cameras, asked)
     named = PointOptions(chosen_method(model, method), options.target, options.edits, force=options.force, traced=True)
     return label_through_points(chunks, cameras, model, options.rate, named)
 

@@ -124,13 +124,13 @@ class FollowedSubjects:
                 found.append(FollowedSubject(first, setup))
         return cls(tuple(found), len(worn))
 
-    def read(self, blobs: Blobs, labels: Labels) -> Labels:
+    def read(self, blobs: Blobs, labels: Labels) -> tuple[Labels, Labels]:
         """The labels (N,) of the next chunk's blobs by points, without those that bodies deny, and with what they add.
 
-        A blob that two bodies name is nobody's.
+        Also what bodies say by themselves. A blob that two of them name is nobody's.
         """
         if not self.subjects:
-            return labels
+            return labels, labels
         alone = [one.alone(blobs, labels) for one in self.subjects]
         kept = ~np.any([one.owns(labels) for one in self.subjects], axis=0)
         for one, own in zip(self.subjects, alone, strict=True):
@@ -138,11 +138,7 @@ class FollowedSubjects:
         agreed = labels.kept(kept)
         agreed = agreed.kept(~self._contested(blobs, agreed, alone))
         readings = [one.reading(blobs, agreed) for one in self.subjects]
-        readers = np.sum([reading.labels.named & ~agreed.named for reading in readings], axis=0)
-        whole = agreed
-        for reading in readings:
-            whole = whole.replaced(reading.labels.named & (readers == 1), reading.labels)
-        return whole
+        return _added(agreed, readings), _added(Labels.none(len(blobs)), alone)
 
     def _contested(self, blobs: Blobs, agreed: Labels, alone: Sequence[_Reading]) -> np.ndarray:
         """(N,) True for the names of points that a marker of somebody else's body is nearer to than their own body's.
@@ -181,3 +177,11 @@ class FollowedSubjects:
                 away = np.linalg.norm(theirs.motion.markers[:, :, None] - expected[:, None], axis=3)
                 least[:, other.first : other.first + other.size] = np.fmin.reduce(away, axis=2, initial=np.inf)
         return np.where(agreed.named, least[blobs.frame, np.maximum(agreed.marker, 0)], np.inf)
+
+
+def _added(labels: Labels, readings: Sequence[_Reading]) -> Labels:
+    """The labels (N,) with what readings say of blobs that have no name, where one alone does."""
+    readers, whole = np.sum([reading.labels.named & ~labels.named for reading in readings], axis=0), labels
+    for reading in readings:
+        whole = whole.replaced(reading.labels.named & (readers == 1), reading.labels)
+    return whole

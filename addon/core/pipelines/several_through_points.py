@@ -7,14 +7,16 @@ fitted to each subject then names what too few cameras see for a point (`fitted_
 """
 
 from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
+from itertools import tee
 from time import perf_counter
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.progress import Progress, within
-from ..data.takes import Blobs, LabelledChunk, Labels, Motion, touched_samples
+from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, touched_samples
 from ..edits.blobs_in_points import NamedThroughBlobs
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
@@ -23,6 +25,9 @@ from ..papers.virtual_occlusions.occlusion import Occlusion, hidden_by_any
 from ..points.several.pipeline import label_several
 from ..points.several.together import LabelledSubjects, beside, measured_of_first
 from ..points.several.wearers import SetsWorn
+from ..points.whole_take.pipeline import PointOptions
+from ..review.suspects import EITHER_WAY
+from .asked_in_space import Asked, asked_in_space
 from .fitted_subjects import FollowedSubjects
 from .followed_together import FOLLOWED_TOGETHER, FollowedTogether, SeveralBlobs, label_together
 from .through_points import PointsOfBlobs, without_number
@@ -53,20 +58,42 @@ class SubjectsInImages:
     labelled: LabelledSubjects  # that of everybody in the take, those who were asked for before the others
     worn: SetsWorn  # the sets of those who were asked for
     bodies: tuple[Occlusion, ...]  # what is in the way, a volume for everybody
+    options: PointOptions  # how they were named
     seconds: float  # that reconstruction took
 
     def chunks(self, chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
-        """The same chunks as were reconstructed, with the names of their blobs."""
-        suspects = tuple(without_number(one) for one in self.labelled.suspects)
+        """The same chunks as were reconstructed, with the names of their blobs, which were asked about in space."""
+        chunks, own = tee(chunks)
+        labelled = self._named(own)
+        for subject, first in zip(self.worn.subjects, self.worn.firsts, strict=True):
+            chunks, own = tee(chunks)
+            given = self.worn, subject.model, first, self.points.rate, self.options.target, self.options.edits
+            asked = Asked(*given, subject, self._by_points)
+            labelled = asked_in_space(own, labelled, self.cameras, asked)
+        return labelled
+
+    def _by_points(self, blobs: Blobs) -> Labels:
+        """What the points say of the blobs of a chunk, without what a person did."""
+        first = int(blobs.frames[0]) - self.points.first_frame
+        index = next(at for at, part in enumerate(self.points.parts) if part.first == first)
+        return self.points.named(index, self.labelled.unedited or self.labelled.labels, len(blobs))
+
+    def _named(self, chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
+        """The chunks with the names that points and bodies give."""
+        left = [without_number(one) for one in self.labelled.suspects]
         spent = {"place": self.seconds, **self.labelled.seconds}
         fitted = FollowedSubjects.of(self.labelled.worn, self.cameras, self.points.rate, self.bodies)
         for index, blobs in enumerate(chunks):
             begin = perf_counter()
             with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
                 labels, motion, unedited = self._checked(index, blobs, fitted)
-            mine = tuple(one for one in suspects if blobs.frames[0] <= one.first <= blobs.frames[-1])
+            named = {self.worn.markers[one] for one in np.unique(labels.marker[labels.named])}
+            mine = [one for one in left if one.first <= blobs.frames[-1] and _is_due(one, named)]
+            left = [one for one in left if one not in mine]
+            # What bodies name of it is asked about anew.
+            mine = [one for one in mine if EITHER_WAY not in one.words or named.isdisjoint(one.markers)]
             spent["label"] = spent.get("label", 0.0) + perf_counter() - begin
-            yield LabelledChunk(labels, motion, mine, spent, unedited)
+            yield LabelledChunk(labels, motion, tuple(mine), spent, unedited)
             spent = {}
 
     def _checked(self, index: int, blobs: Blobs, fitted: FollowedSubjects) -> tuple[Labels, Motion, Labels | None]:
@@ -82,14 +109,18 @@ class SubjectsInImages:
         subject = np.repeat(np.arange(len(each)), [one.markers.shape[1] for one in each])
         checked = given.kept(self._borne_out(blobs, given, motion, hidden, subject))
 
-        labels = fitted.read(blobs, checked)
+        labels, alone = fitted.read(blobs, checked)
         there = np.isfinite(motion.markers).all(axis=2)
         meeting = labels.kept(self._meeting(blobs, checked, labels, motion))
         motion = measured_again(motion, blobs, given, meeting, self.cameras, there)
         unedited = None
         if chunk.unedited is not None:
             before = self.points.named(index, chunk.unedited, len(blobs))
-            unedited = labels.replaced(before.marker != given.marker, before)
+            changed, whose = before.marker != given.marker, np.append(subject, NO_MARKER)
+            unedited = labels.replaced(changed, before)
+            # Of its own markers a body says what it said before, whatever the points were told.
+            own = alone.named & (~before.named | (whose[before.marker] == whose[alone.marker]))
+            unedited = unedited.replaced(changed & own, alone)
             unedited = unedited.kept(unedited.marker < len(self.worn))
         labels = labels.kept(labels.marker < len(self.worn))
         return labels, measured_of_first(motion, each[: len(self.worn.subjects)]), unedited
@@ -153,6 +184,12 @@ class SubjectsInImages:
         return off
 
 
+def _is_due(doubt: Suspect, named: AbstractSet[str]) -> bool:
+    """Whether a doubt is to be told where some markers are `named`: which is which, as soon as its subject is there."""
+    there = {one.partition(":")[0] for one in named}
+    return EITHER_WAY not in doubt.words or not there.isdisjoint(one.partition(":")[0] for one in doubt.markers)
+
+
 def label_several_blobs(take: SeveralBlobs) -> Generator[Progress, None, FollowedTogether | SubjectsInImages]:
     """Names a take of blobs by bodies that are followed together, or through its points.
 
@@ -187,4 +224,4 @@ def label_by_points(take: SeveralBlobs) -> Generator[Progress, None, SubjectsInI
     labelled = yield from within(label_several(made, asked, options, edits), CHECKING_BACK.share, 1.0)
     del made
     bodies = tuple(take.body(one.model.markerset) for one in labelled.worn.subjects)
-    return SubjectsInImages(cameras, points, labelled, labelled.worn.asked, bodies, seconds)
+    return SubjectsInImages(cameras, points, labelled, labelled.worn.asked, bodies, take.options, seconds)

@@ -10,7 +10,7 @@ import pytest
 from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Right, Swap, UnlabelMarker
 from addon.core.geometry.measuring import measured_again
-from addon.core.pipelines.asked_in_space import asked_in_space
+from addon.core.pipelines.asked_in_space import Asked, asked_in_space
 from addon.core.pipelines.blobs import BlobOptions, label_blobs
 from addon.core.review.answering import unanswered
 from addon.core.review.suspects import EITHER_WAY
@@ -42,7 +42,7 @@ def exchanged(chunk: LabelledChunk, model) -> LabelledChunk:
 
 
 def asked(blobs: Blobs, chunk: LabelledChunk, model, edits: Edits = NO_EDITS, cameras=CAMERAS) -> LabelledChunk:
-    (found,) = asked_in_space([blobs], [chunk], cameras, model, RATE, 0.999, edits)
+    (found,) = asked_in_space([blobs], [chunk], cameras, Asked(model.markerset, model, 0, RATE, 0.999, edits))
     return found
 
 
@@ -142,7 +142,9 @@ def test_an_answer_late_in_the_take_holds_from_its_start(named, blobs, model):
     later = replace(parts[0], frames=parts[0].frames + 40)
     said = blob_of(blobs, named, model, *WORN_WRONG[:1] * 2)
     edits = Edits([replace(said, frame=said.frame + 40)])
-    given = asked_in_space([blobs, later], [wrong, wrong], CAMERAS, model, RATE, 0.999, edits)
+    given = asked_in_space(
+        [blobs, later], [wrong, wrong], CAMERAS, Asked(model.markerset, model, 0, RATE, 0.999, edits)
+    )
     for chunk in given:
         assert (chunk.labels.marker == named.labels.marker).all()
 
@@ -157,11 +159,29 @@ def test_names_that_a_person_found_right_in_all_of_the_take_stay(named, blobs, m
 def test_two_cameras_or_a_moment_tell_nothing(named, blobs, model):
     wrong = exchanged(named, model)
     assert asked(blobs, wrong, model, cameras=CAMERAS.select([0, 1])).labels is wrong.labels
-    moment = replace(wrong, motion=replace(wrong.motion, confidence=np.where(np.arange(40) < 20, 1.0, 0.0)))
+    moment = shown_in(wrong, 20)
     assert asked(blobs, moment, model).labels is moment.labels
+
+
+def shown_in(chunk: LabelledChunk, frames: int) -> LabelledChunk:
+    """The chunk with the body in its last frames only."""
+    expected = chunk.motion.expected.copy()
+    expected[: len(expected) - frames] = np.nan
+    return replace(chunk, motion=replace(chunk.motion, expected=expected))
+
+
+def test_names_of_a_moment_before_are_in_doubt_as_well_unless_nobody_was_there_since(named, blobs, model):
+    wrong = exchanged(named, model)
+    parts = [replace(blobs, frames=blobs.frames + 40 * number) for number in range(4)]
+    shown = [shown_in(wrong, frames) for frames in (20, 0, 20, 40)]
+    found = list(asked_in_space(parts, shown, CAMERAS, Asked(model.markerset, model, 0, RATE, 0.999, NO_EDITS)))
+    taken = [chunk.labels is not before.labels for chunk, before in zip(found, shown, strict=True)]
+    assert taken == [False, False, True, True]
+    assert len({tuple(chunk.labels.marker) for chunk in found[2:]}) == 1
 
 
 def test_what_the_first_chunk_shows_holds_for_all(named, blobs, model):
     wrong, parts = exchanged(named, model), cut(blobs, 40)
-    given = asked_in_space([*parts, *parts], [wrong, wrong], CAMERAS, model, RATE, 0.999, NO_EDITS)
+    asked = Asked(model.markerset, model, 0, RATE, 0.999, NO_EDITS)
+    given = asked_in_space([*parts, *parts], [wrong, wrong], CAMERAS, asked)
     assert len({tuple(chunk.labels.marker) for chunk in given}) == 1

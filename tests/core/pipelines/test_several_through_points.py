@@ -8,18 +8,24 @@ import pytest
 
 from addon.core.blobs.pipeline import label_take
 from addon.core.data.errors import InputError, JobError
-from addon.core.data.takes import Blobs
-from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
+from addon.core.data.progress import finished
+from addon.core.data.takes import Blobs, Suspect
+from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Place, Swap
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.fitted_subjects import FollowedSubjects
+from addon.core.pipelines.followed_together import SeveralBlobs
 from addon.core.pipelines.others import OtherSubjects, refuse_two
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_by_points
+from addon.core.points.models import Model
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
+from addon.core.review.suspects import EITHER_WAY
 from addon.core.simulation.simulate import CaptureOptions
-from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, RATE, label, names_of, shot_of, truth_of
+from tests.core.pipelines.pair import CAMERAS, CHUNK, FRAMES, NAMED, RATE, label, names_of, shot_of, truth_of
 from tests.core.scenes import abreast, cut, parts_of
+
+PAIR = "LTIB", "LANK"
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +124,7 @@ def test_a_body_that_explains_its_blobs_is_trusted_before_the_names_of_points(sh
         for name, wrong in (pair, pair[::-1]):
             marker[before.marker == name] = wrong
     fitted = FollowedSubjects.of(found.labelled.worn, CAMERAS, RATE, found.bodies)
-    after = fitted.read(blobs, replace(before, marker=marker))
+    after, _ = fitted.read(blobs, replace(before, marker=marker))
     assert (marker != before.marker).mean() > 0.1
     assert (after.marker[before.named] == before.marker[before.named]).mean() > 0.99
 
@@ -142,6 +148,59 @@ def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, f
     _, chunks = named(again, blobs)
     unedited = np.concatenate([chunk.unedited.marker for chunk in chunks])
     assert (unedited[own] == names["1:LTHI"]).mean() > 0.95
+
+
+def other_way_round(model: Model) -> Model:
+    """The model with the two of PAIR in each other's place on the body, and not in points."""
+    own, order = model.markerset, np.arange(len(model.markerset))
+    order[[own.by_name[name] for name in PAIR]] = [own.by_name[name] for name in PAIR[::-1]]
+    return replace(model, markerset=replace(own, offsets=own.offsets[order], attachment=own.attachment[order]))
+
+
+def in_one_chunk(blobs: Blobs, model: Model, edits: Edits = NO_EDITS) -> tuple[np.ndarray, tuple[Suspect, ...]]:
+    """The names of blobs of two in one chunk, and of which pairs it is asked which is which."""
+    asked = SeveralOptions(model, 2)
+    take = SeveralBlobs(lambda: [(blobs, 1.0)], CAMERAS, asked, replace(NAMED, edits=edits), RATE)
+    found = finished(label_by_points(take))
+    chunks = list(with_edits([blobs], found.chunks([blobs]), edits, CAMERAS, found.worn))
+    return names_of(found, chunks), tuple(one for one in chunks[0].suspects if EITHER_WAY in one.words)
+
+
+def test_of_names_that_points_bear_out_nothing_is_worked_out(shot, model, labelled, monkeypatch):
+    monkeypatch.delattr("addon.core.pipelines.asked_in_space.name_frames")
+    names, asked = in_one_chunk(shot[0], model)
+    assert asked == ()
+    assert (names == labelled[2]).mean() > 0.9
+
+
+@pytest.mark.parametrize("answered", ["1:LTIB", "2:LANK"])
+def test_names_that_the_points_of_somebody_have_otherwise_are_asked_about_and_answered(shot, model, labelled, answered):
+    blobs, (_, _, truth) = shot[0], labelled
+    worn = other_way_round(model)
+    names, asked = in_one_chunk(blobs, worn)
+    pairs = [{f"{who}:{name}" for name in PAIR} for who in "12"]
+    assert [set(one.markers) for one in asked] == pairs
+    assert asked[0].words.startswith("1: LTIB and LANK may be")
+    of_pairs = np.isin(truth, [*pairs[0], *pairs[1]])
+    assert set(names[of_pairs]) == {""}
+    assert (names[~of_pairs] == truth[~of_pairs]).mean() > 0.9
+    row = np.flatnonzero((truth == answered) & (blobs.frame == 20))[0]
+    said = AssignBlob(CAMERAS.names[blobs.camera[row]], int(blobs.frames[20]), *blobs.xy[row].tolist(), answered)
+    names, asked = in_one_chunk(blobs, worn, Edits([said]))
+    own, others = pairs if answered[0] == "1" else pairs[::-1]
+    assert [set(one.markers) for one in asked] == [others]
+    mine = np.isin(truth, list(own))
+    assert (names[mine] == truth[mine]).all()
+    assert set(names[np.isin(truth, list(others))]) == {""}
+
+
+def test_of_two_that_points_do_not_tell_apart_nothing_is_asked_where_bodies_name_them(shot, found):
+    """Whoever is not there yet is not asked about, either."""
+    pairs = [("1:LKNE", "1:LANK"), ("1:one", "1:other"), ("3:LKNE", "3:LANK")]
+    doubts = tuple(Suspect(1, FRAMES, f"{number} {EITHER_WAY}", markers=pair) for number, pair in enumerate(pairs))
+    asked = replace(found, labelled=replace(found.labelled, suspects=doubts))
+    _, chunks = named(asked, shot[0])
+    assert [one.words[0] for chunk in chunks for one in chunk.suspects] == ["1"]
 
 
 def test_an_edit_of_somebody_who_is_not_there_is_told_by_its_own_number(shot, model):
