@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Models from a single labelled frame or of one person; and a person's body found where names say nothing."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take.pairs import trained_pairs
 from addon.core.training.imagining import IMAGINING
-from addon.core.training.laying import laid_body, lying_beside, marker_sides
+from addon.core.training.laying import laid_body, lying_beside
 from addon.core.training.pipeline import TrainingOptions, person_in, train
 from addon.core.training.poses import known_poses
 from addon.core.training.takes import LabelledTake
@@ -63,21 +64,39 @@ def test_one_frame_names_the_rest_of_the_take_and_the_model_says_what_it_rests_o
     assert [len(kept.points) for kept in trained.model.training_takes] == [1]
 
 
+def unknown(names: Sequence[str]) -> list[str]:
+    """Names that no set has, which say a side where the ones of `body26` do."""
+    return [("Left " if name[0] == "L" else "Right " if name[0] == "R" else "") + f"_{name[1:]}" for name in names]
+
+
 def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
     body = next(one for one in known if one.name == "body26")
-    poses = known_poses(body, known)
-    laid = laid_body(take[FRAME], [(body, poses)], np.zeros(26, dtype=int))
+    poses, names = known_poses(body, known), unknown(body.markers)
+    laid = laid_body(take[FRAME], [(body, poses)], list(map(named, range(26))))
     assert (laid.place == np.arange(26)).mean() > 0.9
     turn = rotations.quaternion_to_matrix(rotations.about_z(np.array([2.0])))[0]
-    turned = laid_body(take[FRAME] @ turn.T + [3, -2, 0], [(body, poses)], marker_sides(body.markers))
+    turned = laid_body(take[FRAME] @ turn.T + [3, -2, 0], [(body, poses)], names)
     assert (turned.place == np.arange(26)).mean() > 0.9
-    other = marker_sides(body.markers)
-    other[body.markers.index("LKNE")] = -1  # a name that says right is no left knee, however near
-    assert laid_body(take[FRAME], [(body, poses)], other).place[body.markers.index("LKNE")] == -1
-    faced_about = laid_body(take[FRAME], [(body, poses)], -marker_sides(body.markers))
+    knees = [body.markers.index(name) for name in ("LKNE", "RKNE")]
+    across = [names[{knees[0]: knees[1], knees[1]: knees[0]}.get(at, at)] for at in range(26)]
+    # A name that says right is no left knee, however near.
+    assert (laid_body(take[FRAME], [(body, poses)], across).place[knees] == -1).all()
+    exchanged = {"Left": "Right", "Right": "Left"}
+    faced = [exchanged.get(side, side) + space + rest for side, space, rest in (name.partition(" ") for name in names)]
+    faced_about = laid_body(take[FRAME], [(body, poses)], faced)
     assert faced_about is None or faced_about.off > 1.3 * turned.off
     scattered = np.random.default_rng(1).uniform(0, 1.7, (26, 3))
-    assert laid_body(scattered, [(body, poses)], np.zeros(26, dtype=int)) is None
+    assert laid_body(scattered, [(body, poses)], list(map(named, range(26)))) is None
+
+
+def test_what_has_the_name_of_a_marker_is_that_one_and_no_other(known, take):
+    body = next(one for one in known if one.name == "body26")
+    names, knee, beside = unknown(body.markers), body.markers.index("LKNE"), body.markers.index("LANK")
+    bodies = [(body, known_poses(body, known))]
+    assert laid_body(take[FRAME], bodies, names).place[knee] == knee
+    names[beside] = "LKNE"  # as an ankle would hardly be called, so neither is anything
+    place = laid_body(take[FRAME], bodies, names).place
+    assert place[knee] == place[beside] == -1
 
 
 def test_what_lies_on_the_floor_beside_the_feet_is_no_marker(known, take):
@@ -99,7 +118,7 @@ def test_a_body_is_laid_into_markers_that_it_wears_less_of(known, take, worn):
     bodies = [(one, known_poses(one, known)) for one in known if one.name == "body26"]
     lacking = ("FHD", "BHD") if "arms" in worn else ("FHD", "BHD", "ELB", "WRA", "WRB", "FIN")
     here = np.array([not name.endswith(lacking) for name in bodies[0][0].markers])
-    laid = laid_body(np.where(here[:, None], take[FRAME], np.nan), bodies, np.zeros(26, dtype=int))
+    laid = laid_body(np.where(here[:, None], take[FRAME], np.nan), bodies, list(map(named, range(26))))
     assert (laid.place == np.arange(26))[here].all()
 
 
@@ -108,7 +127,7 @@ def test_a_body_with_nothing_below_its_arms_is_laid_as_it_is(known, take):
     lacking = ("FHD", "BHD", "ELB", "WRA", "WRB", "FIN")
     upper = np.flatnonzero([name.endswith(lacking) for name in whole.markers])
     body = without_markers(whole, upper)
-    laid = laid_body(take[FRAME][upper], [(body, known_poses(body, known))], marker_sides(body.markers))
+    laid = laid_body(take[FRAME][upper], [(body, known_poses(body, known))], unknown(body.markers))
     assert (laid.place == np.arange(len(upper))).all()
 
 
