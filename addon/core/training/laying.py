@@ -34,6 +34,8 @@ from .transfer import (
     without_markers,
 )
 
+Mates = tuple[np.ndarray, np.ndarray]  # of the body's N markers and of P points, each one's mirror image, or itself
+
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
 
@@ -138,11 +140,12 @@ def _laid(
         return None
     cloud, model, gate = frame[there], BodyModel(body), LAYING.gates[1]
     apart = _apart(whole, markers)[np.ix_(chosen, there)]
+    mates = _mates(body.markers), _mates([markers[one] for one in there.tolist()])
     height = float(np.ptp(cloud[:, 2]) / np.ptp(body.rest_markers[:, 2]))
     height = float(possible_height(height))
-    bodies = _fitted(model, cloud, apart, _starts(model, cloud, poses, height), height)
+    bodies = _fitted(model, cloud, apart, mates, _starts(model, cloud, poses, height), height)
     placed = model.pose(bodies).markers
-    matched = _matched(placed, cloud, apart, gate * height)
+    matched = _matched(placed, cloud, apart, mates, gate * height)
     found = matched >= 0
     away = np.where(found, np.linalg.norm(placed - cloud[matched], axis=2) / height, gate)
     size = bodies.scale.mean(axis=1)  # a hand and a rat fit bodies of 0.2 to 0.7 m
@@ -183,11 +186,19 @@ def _on_worn_limbs(body: MarkerSet, found: np.ndarray) -> np.ndarray:
     return (limb < 0) | worn
 
 
-def _fitted(model: BodyModel, cloud: np.ndarray, apart: np.ndarray, bodies: Bodies, height: float) -> Bodies:
-    """Bodies fitted to a cloud (P, 3), matched ever more closely; none of N markers is a point `apart` (N, P)."""
+def _mates(markers: Sequence[str]) -> np.ndarray:
+    """(M,) each marker's mirror image by its name, itself where it has none."""
+    order = mirror_order(tuple(markers))
+    return np.arange(len(markers)) if order is None else order
+
+
+def _fitted(
+    model: BodyModel, cloud: np.ndarray, apart: np.ndarray, mates: Mates, bodies: Bodies, height: float
+) -> Bodies:
+    """Bodies fitted to a cloud (P, 3), matched ever more closely; `apart` and `mates` as in `_matched`."""
     prior = Prior(model, height=height)
     for gate in np.geomspace(*LAYING.gates, MATCHINGS) * height:
-        matched = _matched(model.pose(bodies).markers, cloud, apart, gate)
+        matched = _matched(model.pose(bodies).markers, cloud, apart, mates, gate)
         goal = np.where((matched >= 0)[..., None], cloud[matched], np.nan)
         bodies = fit_body(model, bodies, labelled_pull(goal), FIT_STEPS, prior).bodies
     return bodies
@@ -201,8 +212,8 @@ def marker_sides(markers: Sequence[str]) -> np.ndarray:
     for index, name in enumerate(markers):
         other = markers[order[index]]
         if other != name:
-            first = next(one for one, two in zip(name, other, strict=False) if one != two)
-            sides[index] = 1 if first in "lL" else -1
+            first = next(one for one, two in zip(name.lower(), other.lower(), strict=False) if one != two)
+            sides[index] = 1 if first == "l" else -1
     return sides
 
 
@@ -245,17 +256,21 @@ def _far(markers: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:
     return sum(away.mean(axis=1) for away in nearest)
 
 
-def _matched(markers: np.ndarray, cloud: np.ndarray, apart: np.ndarray, gate: float) -> np.ndarray:
+def _matched(markers: np.ndarray, cloud: np.ndarray, apart: np.ndarray, mates: Mates, gate: float) -> np.ndarray:
     """(B, N) the point of a cloud (P, 3) that each of markers (B, N, 3) is, one to one, -1 beyond the gate.
 
-    No marker is a point that is `apart` (N, P).
+    No marker is a point that is `apart` (N, P). By their `mates` what is called alike on both sides is alike: a hand
+    that may have a thigh's marker on one side has it on neither.
     """
     from scipy.optimize import linear_sum_assignment
 
     found = np.full(markers.shape[:2], -1)
-    for row, own in zip(found, markers, strict=True):
-        away = np.where(apart, gate, np.minimum(np.linalg.norm(own[:, None] - cloud, axis=2), gate))
-        one, two = linear_sum_assignment(away**2)
+    own, others = (order != np.arange(len(order)) for order in mates)
+    for row, placed in zip(found, markers, strict=True):
+        away = np.where(apart, gate, np.minimum(np.linalg.norm(placed[:, None] - cloud, axis=2), gate))
+        square = away**2
+        both = (square + square[np.ix_(*mates)]) / 2
+        one, two = linear_sum_assignment(np.where(own[:, None] & others, both, square))
         near = away[one, two] < gate
         row[one[near]] = two[near]
     return found

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take.pairs import trained_pairs
+from addon.core.posing.posing import fit_points
 from addon.core.training.imagining import IMAGINING
 from addon.core.training.laying import laid_body, lying_beside
 from addon.core.training.pipeline import TrainingOptions, person_in, train
@@ -99,6 +101,23 @@ def test_what_has_the_name_of_a_marker_is_that_one_and_no_other(known, take):
     assert place[knee] == place[beside] == -1
 
 
+def test_what_is_called_alike_on_both_sides_is_alike(known, take):
+    """A marker nearer to where a knee has one on the right, and far from it on the left, is no knee's."""
+    body = next(one for one in known if one.name == "body26")
+    # Letters may be large on one side only.
+    names = [name.replace("Right", "right") for name in unknown(body.markers)]
+    at, bodies = names.index("right _KNE"), [(body, known_poses(body, known))]
+    place = laid_body(take[FRAME], bodies, names).place
+    assert (place == np.arange(26)).mean() > 0.9
+    model = BodyModel(body)
+    knee = model.pose(fit_points(model, take[FRAME][None])).markers[0, at]
+    off = take[FRAME].copy()
+    off[at] += [0.0, 0.0, 0.05]
+    cloud = np.concatenate([off, knee[None], off[names.index("Left _KNE")][None] + [0.0, 0.0, 0.3]])
+    place = laid_body(cloud, bodies, [*names, "right _X", "Left _X"]).place
+    assert (place[at], place[26]) == (at, -1)
+
+
 def test_what_lies_on_the_floor_beside_the_feet_is_no_marker(known, take):
     points, height = take[0], np.array([0.0, 0.0, 1.0])
     low = points[:, 2].min() * height
@@ -132,7 +151,7 @@ def test_a_body_with_nothing_below_its_arms_is_laid_as_it_is(known, take):
 
 
 def test_who_stood_still_moves_as_it_was_made_up(trained):
-    """Distances that keep are those of who stood, to the millimetre, if in one frame; all others vary as people move."""
+    """Distances that keep are those of who stood, to the millimetre, also in one frame; others vary as people move."""
     (shown,), body = trained.model.training_takes, open_markerset("body26").markers
     standing = shown.points + np.random.default_rng(4).normal(0, 5e-4, (60, *shown.points.shape[1:]))
     pairs = trained_pairs(replace(trained.model, training_takes=(replace(shown, points=standing),)))
