@@ -122,12 +122,17 @@ def _parts(whole: MarkerSet) -> list[np.ndarray]:
     What a set lacks up there is what makes a body too small or too large for it: its shoulders would be the head.
     Where next to none is left, that is no body.
     """
-    skeleton, segment = whole.skeleton, whole.attachment
-    head = np.array([name == "head" for name in skeleton.segments])[segment]
-    limb = skeleton.limbs[segment]
-    arm = (limb >= 0) & (np.array(skeleton.parents)[limb] != 0)
+    segment = whole.attachment
+    head = np.array([name == "head" for name in whole.skeleton.segments])[segment]
+    arm = _arms(whole)[segment]
     lacking = np.unique([head & False, head, head | arm], axis=0)
     return [np.flatnonzero(~one) for one in lacking if (~one).sum() > MIN_POINTS]
+
+
+def _arms(body: MarkerSet) -> np.ndarray:
+    """(J,) whether a segment is on a limb that hangs from no pelvis."""
+    limb = body.skeleton.limbs
+    return (limb >= 0) & (np.array(body.skeleton.parents)[limb] != 0)
 
 
 def _laid(
@@ -151,7 +156,7 @@ def _laid(
     size = bodies.scale.mean(axis=1)  # a hand and a rat fit bodies of 0.2 to 0.7 m
     alone = ~(matched[..., None] == np.arange(len(cloud))).any(axis=1)
     places = places_in_segments(model, bodies, cloud)
-    skins = (off_surface(body, own) for own in places)
+    skins = [off_surface(body, own) for own in places]
     off_skin = alone * [np.where(may_carry(body, skin), skin, np.inf).min(axis=1) for skin in skins]
     # What somebody holds may be anywhere and is no reason against a body, but of two that fit the other has an arm.
     near, off = (
@@ -162,7 +167,11 @@ def _laid(
     if not fits.any():
         return None
     best = np.where(fits, off, np.inf).argmin()
-    mine = np.flatnonzero(found[best] & _on_worn_limbs(body, found[best]))
+    # What is nearer to the skin of a thigh than to where a hand beside it has a marker is the thigh's, on both sides.
+    arms = _arms(body)
+    others = arms[body.attachment] & (skins[best][:, ~arms].min(axis=1)[matched[best]] < away[best])
+    found = found[best] & ~(others | others[mates[0]])
+    mine = np.flatnonzero(found & _on_worn_limbs(body, found))
     place = np.full(len(frame), -1)
     place[there[matched[best, mine]]] = chosen[mine]
     return LaidBody(whole, place, float(off[best]))

@@ -15,6 +15,7 @@ from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take.pairs import trained_pairs
 from addon.core.posing.posing import fit_points
+from addon.core.training import laying
 from addon.core.training.imagining import IMAGINING
 from addon.core.training.laying import laid_body, lying_beside
 from addon.core.training.pipeline import TrainingOptions, person_in, train
@@ -116,6 +117,24 @@ def test_what_is_called_alike_on_both_sides_is_alike(known, take):
     cloud = np.concatenate([off, knee[None], off[names.index("Left _KNE")][None] + [0.0, 0.0, 0.3]])
     place = laid_body(cloud, bodies, [*names, "right _X", "Left _X"]).place
     assert (place[at], place[26]) == (at, -1)
+
+
+def test_a_thigh_s_marker_beside_a_hand_is_no_hand_s(known, take, monkeypatch):
+    body, frame = next(one for one in known if one.name == "body26"), take[260]
+    model = BodyModel(body)
+    joints = model.pose(fit_points(model, frame[None])).joints[0]
+    names, found = unknown(body.markers), [not name.endswith(("WRA", "WRB", "FIN")) for name in body.markers]
+    on_skin = []
+    for side in "LR":
+        hip, knee, hand = (joints[body.skeleton.segments.index(f"{one}.{side}")] for one in ("thigh", "shank", "hand"))
+        along = np.clip((hand - hip) @ (knee - hip) / ((knee - hip) @ (knee - hip)), 0.2, 0.8)
+        inside = hip + along * (knee - hip)
+        on_skin.append(inside + 0.0765 * (hand - inside) / np.linalg.norm(hand - inside))
+    cloud = np.concatenate([frame[found], on_skin])
+    called = [*(name for name, one in zip(names, found, strict=True) if one), "Left _X", "Right _X"]
+    monkeypatch.setattr(laying, "_parts", lambda whole: [np.arange(len(whole))])  # as if there was more on the arms
+    laid = laid_body(cloud, [(body, known_poses(body, known))], called)
+    assert (laid.place[-2:] == -1).all()
 
 
 def test_what_lies_on_the_floor_beside_the_feet_is_no_marker(known, take):
