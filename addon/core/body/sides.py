@@ -43,12 +43,15 @@ def side_in(name: str, names: Collection[str]) -> str:
 
 
 def mirror_order(markers: Sequence[str]) -> np.ndarray | None:
-    """(M,) each marker's mirror image, itself where it has none; None where the names have no sides."""
-    order = np.arange(len(markers))
+    """(M,) each marker's mirror image, itself where it has none; None where the names have no sides.
+
+    Large and small letters are alike: some call the knees r_knee and L_knee.
+    """
+    order, called = np.arange(len(markers)), [name.lower() for name in markers]
     for index, name in enumerate(markers):
-        other = _SIDE.sub(lambda match: _OTHER[match.group()], name, count=1)
-        if other in markers:
-            order[index] = markers.index(other)
+        other = _SIDE.sub(lambda match: _OTHER[match.group()], name, count=1).lower()
+        if other in called:
+            order[index] = called.index(other)
     paired = (order != np.arange(len(markers))).mean()
     return order if 2 * paired >= 1 and (order[order] == np.arange(len(markers))).all() else None
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A known body laid into a labelled frame whose names nobody knows: which of its markers each marker is like.
+"""A known body laid into a labelled frame of whose names few are known: which of its markers each marker is like.
 
 Bodies in many poses are turned about the vertical and compared with the cloud; the likeliest are then fitted to it,
-markers to points one to one. What ends up near one of the body's markers is taken for it.
+markers to points one to one. What ends up near one of the body's markers is taken for it. What has the name of one is
+that one and no other: without it shoulders are taken for hips where the arms have few markers.
 """
 
 from collections.abc import Sequence
@@ -27,11 +28,13 @@ from .transfer import (
     in_segments,
     known_body,
     known_places,
+    may_carry,
     off_surface,
-    on_worn_limbs,
     places_in_segments,
     without_markers,
 )
+
+Mates = tuple[np.ndarray, np.ndarray]  # of the body's N markers and of P points, each one's mirror image, or itself
 
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
@@ -55,8 +58,8 @@ class LaidBody:
 
     body: MarkerSet
     place: np.ndarray  # (M,) index of the body's marker, -1 for none
-    # heights, how far body's and frame's markers are off each other in the mean: those of the body alone by a whole
-    # gate, those of the frame alone by how far they are off its skin, or a whole gate
+    # heights, how far body's and frame's markers are off each other in the mean: those of the body alone by the last
+    # gate, those of the frame alone by how far they are off its skin, or the first gate
     off: float
 
 
@@ -70,7 +73,7 @@ def laid_into(subjects: Sequence[np.ndarray], markers: Sequence[str], bodies: Se
     full = points[seen == seen.max()]
     reach = np.nanmax(full[..., 2], axis=1) - np.nanmin(full[..., 2], axis=1)
     posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
-    return laid_body(full[np.argsort(reach)[len(full) // 2]], posable, marker_sides(markers))
+    return laid_body(full[np.argsort(reach)[len(full) // 2]], posable, markers)
 
 
 def lying_beside(takes: Sequence[LabelledTake], markers: Sequence[str], bodies: Sequence[MarkerSet]) -> tuple[str, ...]:
@@ -100,14 +103,16 @@ def lying_beside(takes: Sequence[LabelledTake], markers: Sequence[str], bodies: 
     return tuple(name for name, own in zip(markers, np.transpose(beside), strict=False) if own.all())
 
 
-def laid_body(frame: np.ndarray, bodies: Sequence[tuple[MarkerSet, np.ndarray]], sides: np.ndarray) -> LaidBody | None:
+def laid_body(
+    frame: np.ndarray, bodies: Sequence[tuple[MarkerSet, np.ndarray]], markers: Sequence[str]
+) -> LaidBody | None:
     """The one of the bodies that fits the labelled frame (M, 3) m, NaN where missing, z up, best; None where none does.
 
-    Each body comes with the poses (P, J, 3) that it may be in, as `Spread.poses` has them. `sides` (M,) as
-    `marker_sides` gives them. The options say when it fits.
+    Each body comes with the poses (P, J, 3) that it may be in, as `Spread.poses` has them. `markers` are the names of
+    the frame's. The options say when it fits.
     """
     parts = [(body, chosen, poses) for body, poses in bodies for chosen in _parts(body)]
-    found = [one for part in parts if (one := _laid(frame, *part, sides)) is not None]
+    found = [one for part in parts if (one := _laid(frame, *part, markers)) is not None]
     return min(found, key=lambda one: one.off) if found else None
 
 
@@ -117,44 +122,67 @@ def _parts(whole: MarkerSet) -> list[np.ndarray]:
     What a set lacks up there is what makes a body too small or too large for it: its shoulders would be the head.
     Where next to none is left, that is no body.
     """
-    skeleton, segment = whole.skeleton, whole.attachment
-    head = np.array([name == "head" for name in skeleton.segments])[segment]
-    limb = skeleton.limbs[segment]
-    arm = (limb >= 0) & (np.array(skeleton.parents)[limb] != 0)
+    segment = whole.attachment
+    head = np.array([name == "head" for name in whole.skeleton.segments])[segment]
+    arm = _arms(whole)[segment]
     lacking = np.unique([head & False, head, head | arm], axis=0)
     return [np.flatnonzero(~one) for one in lacking if (~one).sum() > MIN_POINTS]
 
 
+def _arms(body: MarkerSet) -> np.ndarray:
+    """(J,) whether a segment is on a limb that hangs from no pelvis."""
+    limb = body.skeleton.limbs
+    return (limb >= 0) & (np.array(body.skeleton.parents)[limb] != 0)
+
+
 def _laid(
-    frame: np.ndarray, whole: MarkerSet, chosen: np.ndarray, poses: np.ndarray, sides: np.ndarray
+    frame: np.ndarray, whole: MarkerSet, chosen: np.ndarray, poses: np.ndarray, markers: Sequence[str]
 ) -> LaidBody | None:
-    """A body's markers `chosen` (K,) as they fit best of all starts, on the sides that most names say; None if not."""
+    """A body's markers `chosen` (K,) as they fit a frame of `markers` best of all starts; None if not."""
     body = without_markers(whole, chosen)
     there = np.flatnonzero(np.isfinite(frame).all(axis=1))
     if len(there) < MIN_POINTS:
         return None
     cloud, model, gate = frame[there], BodyModel(body), LAYING.gates[1]
-    apart = marker_sides(body.markers)[:, None] * sides[there] < 0  # what is left is nothing right
+    apart = _apart(whole, markers)[np.ix_(chosen, there)]
+    mates = _mates(body.markers), _mates([markers[one] for one in there.tolist()])
     height = float(np.ptp(cloud[:, 2]) / np.ptp(body.rest_markers[:, 2]))
     height = float(possible_height(height))
-    bodies = _fitted(model, cloud, apart, _starts(model, cloud, poses, height), height)
-    markers = model.pose(bodies).markers
-    matched = _matched(markers, cloud, apart, gate * height)
+    bodies = _fitted(model, cloud, apart, mates, _starts(model, cloud, poses, height), height)
+    placed = model.pose(bodies).markers
+    matched = _matched(placed, cloud, apart, mates, gate * height)
     found = matched >= 0
-    away = np.where(found, np.linalg.norm(markers - cloud[matched], axis=2) / height, gate)
+    away = np.where(found, np.linalg.norm(placed - cloud[matched], axis=2) / height, gate)
     size = bodies.scale.mean(axis=1)  # a hand and a rat fit bodies of 0.2 to 0.7 m
     alone = ~(matched[..., None] == np.arange(len(cloud))).any(axis=1)
     places = places_in_segments(model, bodies, cloud)
-    off_skin = np.minimum([off_surface(body, own)[:, on_worn_limbs(body)].min(axis=1) for own in places], gate)
-    off = (away.sum(axis=1) + (alone * off_skin).sum(axis=1)) / (len(body) + len(cloud))
-    fits = (off <= LAYING.max_off) & (size == possible_height(size))
+    skins = [off_surface(body, own) for own in places]
+    off_skin = alone * [np.where(may_carry(body, skin), skin, np.inf).min(axis=1) for skin in skins]
+    # What somebody holds may be anywhere and is no reason against a body, but of two that fit the other has an arm.
+    near, off = (
+        (away.sum(axis=1) + np.minimum(off_skin, most).sum(axis=1)) / (len(body) + len(cloud))
+        for most in (gate, LAYING.gates[0])
+    )
+    fits = (near <= LAYING.max_off) & (size == possible_height(size))
     if not fits.any():
         return None
     best = np.where(fits, off, np.inf).argmin()
-    mine = np.flatnonzero(found[best] & _on_worn_limbs(body, found[best]))
+    # What is nearer to the skin of a thigh than to where a hand beside it has a marker is the thigh's, on both sides.
+    arms = _arms(body)
+    others = arms[body.attachment] & (skins[best][:, ~arms].min(axis=1)[matched[best]] < away[best])
+    found = found[best] & ~(others | others[mates[0]])
+    mine = np.flatnonzero(found & _on_worn_limbs(body, found))
     place = np.full(len(frame), -1)
     place[there[matched[best, mine]]] = chosen[mine]
     return LaidBody(whole, place, float(off[best]))
+
+
+def _apart(body: MarkerSet, markers: Sequence[str]) -> np.ndarray:
+    """(K, M) which of the body's markers each of `markers` is not: its name says the other side, or another marker."""
+    meant, own = known_places(body, markers), np.arange(len(body))
+    known = np.isin(own, meant)[:, None] | (meant >= 0)
+    across = marker_sides(body.markers)[:, None] * marker_sides(markers) < 0  # what is left is nothing right
+    return across | (known & (meant != own[:, None]))
 
 
 def _on_worn_limbs(body: MarkerSet, found: np.ndarray) -> np.ndarray:
@@ -167,11 +195,19 @@ def _on_worn_limbs(body: MarkerSet, found: np.ndarray) -> np.ndarray:
     return (limb < 0) | worn
 
 
-def _fitted(model: BodyModel, cloud: np.ndarray, apart: np.ndarray, bodies: Bodies, height: float) -> Bodies:
-    """Bodies fitted to a cloud (P, 3), matched ever more closely; none of N markers is a point `apart` (N, P)."""
+def _mates(markers: Sequence[str]) -> np.ndarray:
+    """(M,) each marker's mirror image by its name, itself where it has none."""
+    order = mirror_order(tuple(markers))
+    return np.arange(len(markers)) if order is None else order
+
+
+def _fitted(
+    model: BodyModel, cloud: np.ndarray, apart: np.ndarray, mates: Mates, bodies: Bodies, height: float
+) -> Bodies:
+    """Bodies fitted to a cloud (P, 3), matched ever more closely; `apart` and `mates` as in `_matched`."""
     prior = Prior(model, height=height)
     for gate in np.geomspace(*LAYING.gates, MATCHINGS) * height:
-        matched = _matched(model.pose(bodies).markers, cloud, apart, gate)
+        matched = _matched(model.pose(bodies).markers, cloud, apart, mates, gate)
         goal = np.where((matched >= 0)[..., None], cloud[matched], np.nan)
         bodies = fit_body(model, bodies, labelled_pull(goal), FIT_STEPS, prior).bodies
     return bodies
@@ -185,8 +221,8 @@ def marker_sides(markers: Sequence[str]) -> np.ndarray:
     for index, name in enumerate(markers):
         other = markers[order[index]]
         if other != name:
-            first = next(one for one, two in zip(name, other, strict=False) if one != two)
-            sides[index] = 1 if first in "lL" else -1
+            first = next(one for one, two in zip(name.lower(), other.lower(), strict=False) if one != two)
+            sides[index] = 1 if first == "l" else -1
     return sides
 
 
@@ -229,17 +265,21 @@ def _far(markers: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:
     return sum(away.mean(axis=1) for away in nearest)
 
 
-def _matched(markers: np.ndarray, cloud: np.ndarray, apart: np.ndarray, gate: float) -> np.ndarray:
+def _matched(markers: np.ndarray, cloud: np.ndarray, apart: np.ndarray, mates: Mates, gate: float) -> np.ndarray:
     """(B, N) the point of a cloud (P, 3) that each of markers (B, N, 3) is, one to one, -1 beyond the gate.
 
-    No marker is a point that is `apart` (N, P).
+    No marker is a point that is `apart` (N, P). By their `mates` what is called alike on both sides is alike: a hand
+    that may have a thigh's marker on one side has it on neither.
     """
     from scipy.optimize import linear_sum_assignment
 
     found = np.full(markers.shape[:2], -1)
-    for row, own in zip(found, markers, strict=True):
-        away = np.where(apart, gate, np.minimum(np.linalg.norm(own[:, None] - cloud, axis=2), gate))
-        one, two = linear_sum_assignment(away**2)
+    own, others = (order != np.arange(len(order)) for order in mates)
+    for row, placed in zip(found, markers, strict=True):
+        away = np.where(apart, gate, np.minimum(np.linalg.norm(placed[:, None] - cloud, axis=2), gate))
+        square = away**2
+        both = (square + square[np.ix_(*mates)]) / 2
+        one, two = linear_sum_assignment(np.where(own[:, None] & others, both, square))
         near = away[one, two] < gate
         row[one[near]] = two[near]
     return found

@@ -22,6 +22,9 @@ SETTLING = 2  # times that a body is posed on all markers, and they are put wher
 # segments. In a single frame a marker sits on what it is nearest to.
 SURFACE_COST = 0.1
 
+# Heights, 12 cm, off all limbs that are worn: no wand is as long, so an elbow's marker beside the trunk is an arm's.
+OFF_LIMBS = 0.07  # physical
+
 
 def known_body(markers: Sequence[str], known: Sequence[MarkerSet]) -> MarkerSet | None:
     """The one of the known marker sets whose body suits these markers best; None where none does."""
@@ -105,7 +108,8 @@ def _hung(
     seen = np.flatnonzero(np.isfinite(spreads).any(axis=(0, 2)))
     carrier, offsets, sd = carrier.copy(), offsets.copy(), np.where(carrier < 0, SPREAD.marker_sd, sd)
     cost = np.nanmean((spreads + SURFACE_COST * away)[:, seen], axis=0)
-    nearest = np.where(on_worn_limbs(body), cost, np.inf).argmin(axis=1)
+    allowed = may_carry(body, np.nanmean(away[:, seen], axis=0))
+    nearest = np.where(allowed, cost, np.inf).argmin(axis=1)
     carrier[seen] = np.where(carrier[seen] < 0, nearest, carrier[seen])
     own = means[:, seen, carrier[seen]]
     offsets[seen] = np.nanmean(own, axis=0)
@@ -119,6 +123,15 @@ def on_worn_limbs(body: MarkerSet) -> np.ndarray:
     """(J,) whether a segment is where a body with these markers says: not on a limb that has none of them."""
     limbs = body.skeleton.limbs
     return (limbs < 0) | np.isin(limbs, limbs[body.attachment])
+
+
+def may_carry(body: MarkerSet, away: np.ndarray) -> np.ndarray:
+    """(M, J) whether a segment may carry a marker that is off the segments' skins by `away` (M, J) heights.
+
+    None on a limb that has none of the body's markers, but for what is on no other.
+    """
+    worn = on_worn_limbs(body)
+    return worn | (away[:, worn].min(axis=1) > OFF_LIMBS)[:, None]
 
 
 def known_places(markerset: MarkerSet, markers: Sequence[str]) -> np.ndarray:

@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Models from a single labelled frame or of one person; and a person's body found where names say nothing."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take.pairs import trained_pairs
+from addon.core.posing.posing import fit_points
+from addon.core.training import laying
 from addon.core.training.imagining import IMAGINING
-from addon.core.training.laying import laid_body, lying_beside, marker_sides
+from addon.core.training.laying import laid_body, lying_beside
 from addon.core.training.pipeline import TrainingOptions, person_in, train
 from addon.core.training.poses import known_poses
 from addon.core.training.takes import LabelledTake
@@ -64,21 +68,74 @@ def test_one_frame_names_the_rest_of_the_take_and_the_model_says_what_it_rests_o
     assert [len(kept.points) for kept in trained.model.training_takes] == [1]
 
 
+def unknown(names: Sequence[str]) -> list[str]:
+    """Names that no set has, which say a side where the ones of `body26` do."""
+    return [("Left " if name[0] == "L" else "Right " if name[0] == "R" else "") + f"_{name[1:]}" for name in names]
+
+
 def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
     body = next(one for one in known if one.name == "body26")
-    poses = known_poses(body, known)
-    laid = laid_body(take[FRAME], [(body, poses)], np.zeros(26, dtype=int))
+    poses, names = known_poses(body, known), unknown(body.markers)
+    laid = laid_body(take[FRAME], [(body, poses)], list(map(named, range(26))))
     assert (laid.place == np.arange(26)).mean() > 0.9
     turn = rotations.quaternion_to_matrix(rotations.about_z(np.array([2.0])))[0]
-    turned = laid_body(take[FRAME] @ turn.T + [3, -2, 0], [(body, poses)], marker_sides(body.markers))
+    turned = laid_body(take[FRAME] @ turn.T + [3, -2, 0], [(body, poses)], names)
     assert (turned.place == np.arange(26)).mean() > 0.9
-    other = marker_sides(body.markers)
-    other[body.markers.index("LKNE")] = -1  # a name that says right is no left knee, however near
-    assert laid_body(take[FRAME], [(body, poses)], other).place[body.markers.index("LKNE")] == -1
-    faced_about = laid_body(take[FRAME], [(body, poses)], -marker_sides(body.markers))
+    knees = [body.markers.index(name) for name in ("LKNE", "RKNE")]
+    across = [names[{knees[0]: knees[1], knees[1]: knees[0]}.get(at, at)] for at in range(26)]
+    # A name that says right is no left knee, however near.
+    assert (laid_body(take[FRAME], [(body, poses)], across).place[knees] == -1).all()
+    exchanged = {"Left": "Right", "Right": "Left"}
+    faced = [exchanged.get(side, side) + space + rest for side, space, rest in (name.partition(" ") for name in names)]
+    faced_about = laid_body(take[FRAME], [(body, poses)], faced)
     assert faced_about is None or faced_about.off > 1.3 * turned.off
     scattered = np.random.default_rng(1).uniform(0, 1.7, (26, 3))
-    assert laid_body(scattered, [(body, poses)], np.zeros(26, dtype=int)) is None
+    assert laid_body(scattered, [(body, poses)], list(map(named, range(26)))) is None
+
+
+def test_what_has_the_name_of_a_marker_is_that_one_and_no_other(known, take):
+    body = next(one for one in known if one.name == "body26")
+    names, knee, beside = unknown(body.markers), body.markers.index("LKNE"), body.markers.index("LANK")
+    bodies = [(body, known_poses(body, known))]
+    assert laid_body(take[FRAME], bodies, names).place[knee] == knee
+    names[beside] = "LKNE"  # as an ankle would hardly be called, so neither is anything
+    place = laid_body(take[FRAME], bodies, names).place
+    assert place[knee] == place[beside] == -1
+
+
+def test_what_is_called_alike_on_both_sides_is_alike(known, take):
+    """A marker nearer to where a knee has one on the right, and far from it on the left, is no knee's."""
+    body = next(one for one in known if one.name == "body26")
+    # Letters may be large on one side only.
+    names = [name.replace("Right", "right") for name in unknown(body.markers)]
+    at, bodies = names.index("right _KNE"), [(body, known_poses(body, known))]
+    place = laid_body(take[FRAME], bodies, names).place
+    assert (place == np.arange(26)).mean() > 0.9
+    model = BodyModel(body)
+    knee = model.pose(fit_points(model, take[FRAME][None])).markers[0, at]
+    off = take[FRAME].copy()
+    off[at] += [0.0, 0.0, 0.05]
+    cloud = np.concatenate([off, knee[None], off[names.index("Left _KNE")][None] + [0.0, 0.0, 0.3]])
+    place = laid_body(cloud, bodies, [*names, "right _X", "Left _X"]).place
+    assert (place[at], place[26]) == (at, -1)
+
+
+def test_a_thigh_s_marker_beside_a_hand_is_no_hand_s(known, take, monkeypatch):
+    body, frame = next(one for one in known if one.name == "body26"), take[260]
+    model = BodyModel(body)
+    joints = model.pose(fit_points(model, frame[None])).joints[0]
+    names, found = unknown(body.markers), [not name.endswith(("WRA", "WRB", "FIN")) for name in body.markers]
+    on_skin = []
+    for side in "LR":
+        hip, knee, hand = (joints[body.skeleton.segments.index(f"{one}.{side}")] for one in ("thigh", "shank", "hand"))
+        along = np.clip((hand - hip) @ (knee - hip) / ((knee - hip) @ (knee - hip)), 0.2, 0.8)
+        inside = hip + along * (knee - hip)
+        on_skin.append(inside + 0.0765 * (hand - inside) / np.linalg.norm(hand - inside))
+    cloud = np.concatenate([frame[found], on_skin])
+    called = [*(name for name, one in zip(names, found, strict=True) if one), "Left _X", "Right _X"]
+    monkeypatch.setattr(laying, "_parts", lambda whole: [np.arange(len(whole))])  # as if there was more on the arms
+    laid = laid_body(cloud, [(body, known_poses(body, known))], called)
+    assert (laid.place[-2:] == -1).all()
 
 
 def test_what_lies_on_the_floor_beside_the_feet_is_no_marker(known, take):
@@ -100,7 +157,7 @@ def test_a_body_is_laid_into_markers_that_it_wears_less_of(known, take, worn):
     bodies = [(one, known_poses(one, known)) for one in known if one.name == "body26"]
     lacking = ("FHD", "BHD") if "arms" in worn else ("FHD", "BHD", "ELB", "WRA", "WRB", "FIN")
     here = np.array([not name.endswith(lacking) for name in bodies[0][0].markers])
-    laid = laid_body(np.where(here[:, None], take[FRAME], np.nan), bodies, np.zeros(26, dtype=int))
+    laid = laid_body(np.where(here[:, None], take[FRAME], np.nan), bodies, list(map(named, range(26))))
     assert (laid.place == np.arange(26))[here].all()
 
 
@@ -109,12 +166,12 @@ def test_a_body_with_nothing_below_its_arms_is_laid_as_it_is(known, take):
     lacking = ("FHD", "BHD", "ELB", "WRA", "WRB", "FIN")
     upper = np.flatnonzero([name.endswith(lacking) for name in whole.markers])
     body = without_markers(whole, upper)
-    laid = laid_body(take[FRAME][upper], [(body, known_poses(body, known))], marker_sides(body.markers))
+    laid = laid_body(take[FRAME][upper], [(body, known_poses(body, known))], unknown(body.markers))
     assert (laid.place == np.arange(len(upper))).all()
 
 
 def test_who_stood_still_moves_as_it_was_made_up(trained):
-    """Distances that keep are those of who stood, to the millimetre; all others vary as people move."""
+    """Distances that keep are those of who stood, to the millimetre, also in one frame; others vary as people move."""
     (shown,), body = trained.model.training_takes, open_markerset("body26").markers
     standing = shown.points + np.random.default_rng(4).normal(0, 5e-4, (60, *shown.points.shape[1:]))
     pairs = trained_pairs(replace(trained.model, training_takes=(replace(shown, points=standing),)))
@@ -124,6 +181,10 @@ def test_who_stood_still_moves_as_it_was_made_up(trained):
     assert pairs.mean[foot] == pytest.approx(
         np.linalg.norm(shown.points[0, foot[0]] - shown.points[0, foot[1]]), abs=2e-3
     )
+    of_one_frame = trained_pairs(trained.model)
+    assert of_one_frame.mean[foot] == pytest.approx(pairs.mean[foot], abs=1e-3)
+    assert np.sqrt(of_one_frame.within[foot]) < 0.002
+    assert np.sqrt(of_one_frame.within[feet]) > 0.05
 
 
 def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):

@@ -16,7 +16,7 @@ from addon.core.training.contradictions import contradictions, leads
 from addon.core.training.described import DESCRIBING, described
 from addon.core.training.segments import find_segments, segment_markerset
 from addon.core.training.takes import LabelledTake, contradicted, learnable, standing_apart
-from addon.core.training.transfer import known_body, transferred
+from addon.core.training.transfer import known_body, may_carry, transferred, without_markers
 from addon.demo.take import make_performance
 from addon.io.layouts import open_layout, shipped_layouts
 from addon.io.markersets import open_markerset
@@ -24,6 +24,8 @@ from addon.jobs.models import known_bodies
 from addon.jobs.training_takes import read_takes
 from tests import recorded
 from tests.core.scenes import walker
+
+ARM = ("ELB", "WRA", "WRB", "FIN")
 
 
 @pytest.fixture(scope="module")
@@ -63,20 +65,24 @@ def test_a_new_marker_goes_to_the_segment_that_carries_it(known, take):
     assert np.nanmedian(away[:, -1]) < 0.012
 
 
-def test_nothing_hangs_on_a_limb_that_nobody_marks(known, take):
-    """Of who wears no marker on the arms a hand that hangs at the hip is nearer to a hip's marker than the thigh is."""
-    names, points = take
+def test_nothing_hangs_on_a_limb_that_nobody_marks_but_what_is_far_off_all_else(known, take):
+    """Of who wears no marker on the arms a hand that hangs at the hip is nearer to a hip's marker than the thigh is.
+
+    An elbow's marker alone is beside the trunk, and moves with the arm.
+    """
     body = open_markerset("body26")
-    posed = BodyModel(body).pose(fit_points(BodyModel(body), points[:1, [names.index(name) for name in body.markers]]))
-    hand = body.skeleton.segments.index("hand.L")
-    armless = [name for name in names if name[1:] not in ("ELB", "WRA", "WRB", "FIN")]
-    shown = np.concatenate([points[:1, [names.index(name) for name in armless]], posed.joints[:, [hand]]], axis=1)
-    on = {}
-    for worn, cloud in ((armless, shown), (names, np.concatenate([points[:1], posed.joints[:, [hand]]], axis=1))):
-        found = transferred(body, [cloud], [*worn, "LXTRA"], "mine")
-        on[len(worn)] = found.skeleton.segments[found.attachment[-1]]
-    assert on[len(names)] in ("hand.L", "forearm.L")
-    assert on[len(armless)] in ("pelvis", "thigh.L")
+    armless = without_markers(body, np.flatnonzero([not name.endswith(ARM) for name in body.markers]))
+    hand, thigh = (body.skeleton.segments.index(name) for name in ("hand.L", "thigh.L"))
+    away = np.full((2, len(body.skeleton)), 0.2)
+    away[:, hand], away[:, thigh] = 0.01, (0.05, 0.1)
+    assert may_carry(body, away).all()
+    assert may_carry(armless, away)[:, [hand, thigh]].tolist() == [[False, True], [True, True]]
+    names, points = take
+    worn = [name for name in names if not name.endswith(ARM[1:])]
+    called = [name.replace("ELB", "XTRA") for name in worn]
+    found = transferred(body, [points[:1, [names.index(name) for name in worn]]], called, "mine")
+    on = [found.skeleton.segments[found.attachment[called.index(name)]] for name in ("LXTRA", "RXTRA")]
+    assert all("arm" in segment for segment in on)
 
 
 def test_limbs_hang_from_the_trunk_and_takes_without_the_known_markers_are_refused(known):

@@ -65,15 +65,16 @@ class PairDistances:
 
 @lru_cache(maxsize=1)  # asked twice of each take, and takes often follow each other with one model
 def trained_pairs(model: Model) -> PairDistances:
-    """What training knows: of the frames that the model keeps or, where it keeps few, of its likelihood.
+    """What training knows: of the frames that the model keeps or, where these show one pose, of its likelihood.
 
-    Who stood still shows no more than what keeps; how all else moves is in the likelihood, for which it was made up if
-    a body is known. ValueError where the model has neither.
+    Who stood still shows no more than what keeps, and so does a single frame; how all else moves is in the likelihood,
+    for which it was made up if a body is known. ValueError where the model has neither.
     """
-    own = [moments(points) for points in model.subjects.values() if len(points) >= PAIRING.min_frames]
-    moving = [one for one in own if not is_still(one)]
-    if moving or (own and not len(model.markerset.spread.modes)):
-        return _of_subjects(moving or own)
+    own = [moments(points) for points in model.subjects.values()]
+    long = [one for one in own if one.frames >= PAIRING.min_frames]
+    moving = [one for one in long if not is_still(one)]
+    if moving or (long and not len(model.markerset.spread.modes)):
+        return _of_subjects(moving or long)
     made_up = _of_shape(model.learned_likelihood)
     if not own:
         return made_up
@@ -94,7 +95,7 @@ def stood(model: Model) -> bool:
 def _of_subjects(own: Sequence["Moments"]) -> PairDistances:
     """What subjects show, of whatever size each is."""
     means, within, counts = (np.stack([getattr(one, name) for one in own]) for name in ("mean", "variance", "count"))
-    seen = counts > 1
+    seen = counts > 0
     number = seen.sum(axis=0)
     size = np.ones(len(own))
     for _ in range(2):
