@@ -468,7 +468,7 @@ def _new_action(rig: bpy.types.Object) -> bpy.types.Action:
     data = rig.animation_data_create()
     before = {} if data.action is None else {"action": data.action, "slot": data.action_slot_handle}
     if data.action is not None:
-        with changed_by_us(data.action):  # a preview of another take is one still
+        with changed_by_us(data.action):  # a preview that another rig has as well is one still
             data.action.use_fake_user = True
     data.action = action = bpy.data.actions.new("")
     action[PREVIEW] = before | {"posed": "{}"}

@@ -29,10 +29,11 @@ from .take import is_linked, is_take
 def retarget_rig(context: bpy.types.Context, rig: bpy.types.Object, ours: bool = False) -> bpy.types.Action:
     """Gives a rig the preview of the active take, by the bones and with the choices that it keeps.
 
-    That is the one that it has where nobody changed it, which is looked at unless it is known to be `ours`.
+    That is the one that it has, of whichever take, where nobody changed it, which is looked at unless it is known to be
+    `ours`.
     """
     own, (stored, performer, home) = rig.mocap_autolabel, _chosen(context, rig)
-    before = preview_on(rig, context.scene.mocap_autolabel.take)
+    before = preview_on(rig)
     again = before if before is not None and (ours or is_ours(rig)) else None
     choices = matched_in(rig), own.keep_feet, own.keep_hands
     action = retarget_take(context, rig, home, alone(stored, performer), *choices, again)

@@ -785,17 +785,22 @@ def test_a_preview_in_a_strip_that_is_tweaked_cannot_be_discarded(shown):
     assert data.action == action
 
 
-def test_a_preview_of_one_take_follows_again_once_that_of_another_is_discarded(shown, made):
+@pytest.mark.parametrize("end", ["discard", "remove", "bake"])
+def test_a_preview_of_another_take_takes_the_place_of_the_first_ones_and_nothing_of_that_is_left(shown, made, end):
     rig, settings = mixamo(), bpy.context.scene.mocap_autolabel
-    action, first = retargeted(rig), settings.take
+    rig.animation_data_create().action = own = bpy.data.actions.new("mine")
+    action, keys, first = retargeted(rig), keyed(rig), settings.take
     other = replace(made.take(24, markerset=open_markerset("body26")), rate=60.0, name="other")
-    settings.take = takes.show_take(bpy.context, other)
-    assert retargeted(rig) != action
+    settings.take = second = takes.show_take(bpy.context, other)
+    assert retargeted(rig, keep_hands=True) == action and action.name == "other retargeted" and keyed(rig) != keys
     settings.take = first
-    press("discard_retarget")
-    keys = keyed(rig)
-    rig.mocap_autolabel.keep_hands = True
-    is_new(rig, keys, action)
+    press("clear")  # the first take's, which moves the rig no more
+    assert rig.animation_data.action == action
+    settings.take = second
+    press({"discard": "discard_retarget", "remove": "clear", "bake": "bake_retarget"}[end])
+    left = {one.name for one in bpy.data.actions if one.name not in ("Mocap: walk", "Mocap: other")}
+    assert left == {"mine"} | ({"other on rig"} if end == "bake" else set())
+    assert rig.animation_data.action == (bpy.data.actions["other on rig"] if end == "bake" else own)
 
 
 @pytest.mark.parametrize("change", ["none", "scene", "keys", "baked"])
