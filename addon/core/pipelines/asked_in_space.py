@@ -81,13 +81,12 @@ def asked_in_space(
     both, names = zip(chunks, labelled, strict=True), asked.worn.by_name
     held: list[tuple[Blobs, LabelledChunk]] = []
     for one in both:
-        held.append(one)
         shown = np.count_nonzero(np.isfinite(one[1].motion.expected[:, asked.first, 0]))
         if len(cameras) > 2 and shown >= REREADING.min_frames:
+            held.append(one)
             break
-        if len(cameras) <= 2 or not shown:
-            yield from (chunk for _, chunk in held)
-            held = []
+        yield from (chunk for _, chunk in held)
+        held = [one]  # who comes in at its end has the names of the next
     else:
         yield from (chunk for _, chunk in held)
         return
