@@ -215,11 +215,9 @@ def _fitted(
 
 def marker_sides(markers: Sequence[str]) -> np.ndarray:
     """(M,) 1 for a marker whose name says left, -1 for right, 0 for what has no other side."""
-    order, sides = mirror_order(tuple(markers)), np.zeros(len(markers), dtype=int)
-    if order is None:
-        return sides
-    for index, name in enumerate(markers):
-        other = markers[order[index]]
+    sides = np.zeros(len(markers), dtype=int)
+    for index, (name, mate) in enumerate(zip(markers, _mates(markers), strict=True)):
+        other = markers[mate]
         if other != name:
             first = next(one for one, two in zip(name.lower(), other.lower(), strict=False) if one != two)
             sides[index] = 1 if first == "l" else -1
