@@ -145,7 +145,10 @@ def find_up(
 
 
 def _some_frames(xyz: np.ndarray | Scaled, names: Sequence[str], lanes: Lanes | None) -> np.ndarray:
-    """(F, L, 3) some frames with points of the subject with most names: two people are as wide as they are tall."""
+    """(F, L, 3) some frames with points of the subject with most names: two people are as wide as they are tall.
+
+    Frames in which less than half of these points are there say nothing: of who leaves the head may be seen last.
+    """
     owners = [name.rpartition(":")[0] for name in names]
     largest = max(dict.fromkeys(owners), key=owners.count)
     chosen = np.array([owner == largest for owner in owners])
@@ -154,7 +157,8 @@ def _some_frames(xyz: np.ndarray | Scaled, names: Sequence[str], lanes: Lanes | 
     frame, lane = np.nonzero(np.isfinite(some).all(axis=2))
     other = ~chosen[trajectories_at(lanes, frames[frame], lane)]
     some[frame[other], lane[other]] = np.nan
-    return some[np.isfinite(some).all(axis=2).any(axis=1)]
+    there = np.isfinite(some).all(axis=2).sum(axis=1)
+    return some[(there > 0) & (2 * there >= there.max(initial=0))]
 
 
 def _stands_along(frames: np.ndarray, base: str, ghosts: float = 0.0) -> str:

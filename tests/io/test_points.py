@@ -639,6 +639,13 @@ def test_who_sits_above_the_origin_does_not_stand_on_an_arm(up):
 
 
 @pytest.mark.parametrize("up", ["+Z", "+Y"])
+def test_of_who_leaves_the_head_that_is_seen_last_is_no_floor(up):
+    leaves, usual = person(), "+Y" if up == "+Z" else "+Z"
+    leaves[len(leaves) // 3 :, 1:] = np.nan
+    assert find_up("", turned(leaves, up), NAMES, usual=usual).axis == up
+
+
+@pytest.mark.parametrize("up", ["+Z", "+Y"])
 def test_a_ghost_below_the_floor_in_a_third_of_the_frames_hides_nobody(up):
     many = np.concatenate([person() + np.array([0.0, 0.01 * place, 0.0]) for place in range(6)], axis=1)
     ghost = np.full((len(many), 1, 3), np.nan)
