@@ -56,7 +56,8 @@ AS_CAST = {
 def trials() -> Iterator[tuple[str, people.Take]]:
     """Layouts and takes in their markers, all others left out."""
     for name in IN_PLUGIN_GAIT:
-        yield "plugin_gait", named(STRANGERS / f"plugin_gait/{name}.c3d", FOREARMS)
+        for layout in ("plugin_gait", "plugin_gait_lower"):
+            yield layout, named(STRANGERS / f"plugin_gait/{name}.c3d", FOREARMS)
     yield "plugin_gait_feet", named(STRANGERS / "plugin_gait/pigsimple_normal1.c3d", FOREARMS)
     for name in whole_takes.WALKS:
         yield "helen_hayes", whole_takes.in_gait15(name)
