@@ -16,6 +16,9 @@ alike the one that lacks less is worn. The one that is left is worn if a take of
 it; where more are left nobody knows. A set with which the take is refused, or of which more is missing, puts no other
 out, but makes it unsure.
 
+A search takes longest where a set is another. So it is begun with those that no other leads before it; where one of
+these is worn for sure, the rest is not looked at again.
+
 A take that is refused may be of a model with another axis up: what single frames say shows which is likeliest, and a
 part of the take whether it would be named so. Or it is of another model that is known.
 """
@@ -35,13 +38,23 @@ from ..data.markersets import MarkerSet
 from ..data.physical import MARKER_LIMITS
 from ..data.progress import Progress, Steps, finished, in_stages, within
 from ..data.takes import NO_MARKER, Labels, Points, evenly_spread
-from ..points.models import Model, namer_of
+from ..points.models import USUAL_TARGET, Model, namer_of
 from ..points.possible import FRAMES_TRIED, refuse_impossible
 from ..points.refusals import REFUSAL, UnsuitedError, far_groups, points_at_a_time, refuse_floods
 from ..points.tracklets import cut
 from ..points.whole_take.objective import OBJECTIVE, Objective, usual_fit
-from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, label_take, name_frames, refuse_solved
-from ..points.whole_take.solving import MARGINS, solve_take
+from ..points.whole_take.pipeline import (
+    NamedFrames,
+    PointOptions,
+    begins,
+    decided_of,
+    label_take,
+    name_frames,
+    refuse_solved,
+    solution_for,
+)
+from ..points.whole_take.solution import Solution
+from ..points.whole_take.solving import MARGINS
 
 HOW_TO_TURN = "by --up"  # on the command line; Blender puts words of its sidebar there
 TRIED_S = 2.0  # of the take, around its middle, that is labelled again: memory and time
@@ -121,6 +134,8 @@ class FittingSet:
     """A model that may be of a take, and what it makes of its points."""
 
     model: Model
+    frames: NamedFrames  # what single frames of it say
+    solution: Solution | None  # what the take as a whole says; None where it cannot be solved so
     marker: np.ndarray  # (T, L) the name of each, NO_MARKER where it has none
     odds: np.ndarray  # (T, L) log odds of the names, what one may know where the take is not solved as a whole
     beside: float  # times its markers that are always there beside them
@@ -218,20 +233,42 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
         if most >= (1 - _may_lack(model, WORN.max_unfound)) * len(model.markerset):
             kinds.setdefault(frozenset(model.markerset.markers), []).append(model)
     tried = [max(alike, key=lambda one: worth_of(one, some)) if alike[1:] else alike[0] for alike in kinds.values()]
-    tracklet, found = cut(part.xyz, part.rate, lanes=part.lanes), []
+    tracklet, begun, share = cut(part.xyz, part.rate, lanes=part.lanes), [], 0.5 / max(len(tried), 1)
     with threadpool_limits(1, user_api="blas"):
         for number, model in enumerate(tried):
-            work = in_stages(_fitting(part, tracklet, model), begins(len(part.xyz)))
+            work = in_stages(_begun(part, tracklet, model), begins(len(part.xyz)))
             with suppress(JobError):
-                found.append((yield from within(work, number / len(tried), (number + 1) / len(tried))))
-    every = [one for one in found if one is not None]
-    suiting = [one for one in every if one.suits and not one.refused]
-    left = [one for one in every if not any(other.beats(one) for other in suiting)]
+                begun.append((yield from within(work, number * share, (number + 1) * share)))
+        every = [one for one in begun if one is not None]
+        first, found = _unbeaten(every), list[FittingSet]()
+        for those in first, [one for one in every if one not in first]:
+            for one in those:
+                done, words = 0.5 + len(found) * share, f"try {one.model.markerset.name}"
+                found.append((yield from within(_searched(one), done, done + share, words)))
+            worn, likely = _worn(found)
+            if worn is not None:
+                break
+    return worn, likely
+
+
+def _worn(every: Sequence[FittingSet]) -> tuple[Model | None, list[Model]]:
+    """The model of which the take surely is, None for none; and all of which it may be."""
+    suiting, left = _suiting(every), _unbeaten(every)
     likely = [one for one in left if one in suiting]
     sure = len(left) == len(likely) == 1 and left[0].beside <= WORN.max_beside and left[0].absent <= WORN.max_absent
     if suiting and not likely:  # what beats them all lacks too many of its markers
         likely = [one for one in left if not one.refused] + suiting
     return left[0].model if sure else None, [one.model for one in likely]
+
+
+def _unbeaten(every: Sequence[FittingSet]) -> list[FittingSet]:
+    """Those that no other beats of those that suit."""
+    suiting = _suiting(every)
+    return [one for one in every if not any(other.beats(one) for other in suiting)]
+
+
+def _suiting(every: Sequence[FittingSet]) -> list[FittingSet]:
+    return [one for one in every if one.suits and not one.refused]
 
 
 def _may_lack(model: Model, usual: float) -> float:
@@ -242,30 +279,43 @@ def _may_lack(model: Model, usual: float) -> float:
     return REFUSAL.min_half if model.of_one_subject else usual
 
 
-def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingSet | None]:
-    """What a model makes of points with such tracklets (T, L), None if it lacks markers; JobError if frames refuse."""
-    options, solution = PointOptions("likelihood", traced=True), None
-    frames = yield from name_frames(take, tracklet, model, options)
-    if frames.solvable:
-        solution = finished(solve_take(take.xyz, tracklet, frames.labels, frames.model, take.rate, search="none"))
-        marker = solution.tracklets.spread(solution.marker, NO_MARKER, slice(None))
-        if _there(marker, len(model.markerset)).mean() < 1 - _may_lack(model, WORN.max_unfound):
-            return None  # a search takes longest where a set is another
-        solution = solution if solution.crowd else None  # in which there is no search
-    solution, verdict = yield from as_a_whole(frames, replace(options, force=True), solution)
-    refused = True
+def _begun(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingSet | None]:
+    """What a model makes of points with such tracklets (T, L) without a search, None if it lacks markers.
+
+    JobError if frames refuse them.
+    """
+    frames = yield from name_frames(take, tracklet, model, PointOptions("likelihood", traced=True, search="none"))
+    solution = finished(solution_for(frames, frames.labels, tracklet))
+    fitting = _fitting(model, frames, solution)
+    few = solution is not None and fitting.there.mean() < 1 - _may_lack(model, WORN.max_unfound)
+    return None if few else fitting
+
+
+def _searched(begun: FittingSet) -> Steps[FittingSet]:
+    """The same with a search; of a crowd, and of what cannot be solved as a whole, there is none."""
+    if begun.solution is None or begun.solution.crowd:
+        return begun
+    frames = replace(begun.frames, search="all")
+    return _fitting(begun.model, frames, (yield from solution_for(frames, frames.labels, frames.tracklet)))
+
+
+def _fitting(model: Model, frames: NamedFrames, solution: Solution | None) -> FittingSet:
+    """What a model makes of frames by their solution, None where they cannot be solved as a whole."""
+    take, refused = frames.take, True
+    labels = decided_of(frames, frames.labels, frames.tracklet, solution, USUAL_TARGET).labels
     with suppress(JobError):
-        refuse_solved(frames, solution, verdict.labels)
+        refuse_solved(frames, solution, labels)
         refused = False
     if solution is None:
-        return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, OBJECTIVE.max_marker), 0.0, refused)
+        odds = np.full(frames.tracklet.shape, OBJECTIVE.max_marker)
+        return FittingSet(model, frames, None, labels.marker, odds, 0.0, refused)
     tracklets, marker = solution.tracklets, solution.marker
     objective = Objective(take.xyz, tracklets, frames.labels, frames.model, take.rate)
     odds = objective.of(marker).odds * objective.weight / tracklets.count
     size, every = len(model.markerset), tracklets.spread(solution.every, NO_MARKER, slice(None))
     spread = tracklets.spread(marker, NO_MARKER, slice(None)), tracklets.spread(odds, 0.0, slice(None))
     beside = _there(every, size + solution.extras)[size:].sum() / size
-    return FittingSet(model, *spread, beside, refused)
+    return FittingSet(model, frames, solution, *spread, beside, refused)
 
 
 def _there(marker: np.ndarray, size: int) -> np.ndarray:

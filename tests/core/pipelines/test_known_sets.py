@@ -71,6 +71,17 @@ def test_of_a_set_that_one_person_taught_many_markers_may_be_taken_off():
     assert names(left, [own]) == []
 
 
+def test_no_more_than_what_is_worn_for_sure_is_searched_for(monkeypatch):
+    searched, search = [], known_sets._searched
+
+    def noted(begun):
+        searched.append(begun.model.markerset.name)
+        return (yield from search(begun))
+
+    monkeypatch.setattr(known_sets, "_searched", noted)
+    assert names(drawn("actor53")) == searched == ["actor53"]
+
+
 def test_a_set_that_would_be_refused_makes_another_unsure(monkeypatch):
     def refuse(frames, *given):
         if frames.model.markerset.name == "body39":
