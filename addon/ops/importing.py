@@ -28,6 +28,7 @@ from ..scene.clock import TakeClock, fps_of, plays_at
 from ..scene.later import soon
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
+from ..scene.roots import in_world
 from ..scene.take import is_take
 from ..scene.timing import OWN_FIRST, follow_rate, give_time, kept_clock, set_time
 from .base import Ours, once, operator, reason_of, unless
@@ -309,7 +310,7 @@ def take_blobs(context: bpy.types.Context, path: Path, at_1: bool = False) -> st
         source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
     source.rate = blob_rate(path, None) or source.rate
     kept, clock = _set_frames(context, blobs.frames, at_1)
-    source.preview = store_preview(path.stem, blobs, cameras, source.rate, clock)
+    source.preview = store_preview(scene, path.stem, blobs, cameras, source.rate, clock)
     source.blobs_path, source.blob_count = str(path), len(blobs)
     fit_timelines(context)
     summary = f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}"
@@ -356,7 +357,8 @@ def take_points(
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
     source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
     source.trajectories, source.named = len(take.names), sum(map(bool, take.names))
-    show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
+    some = take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3)
+    show_take_whole(context, in_world(source.preview, some))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
     summary = f"{count_of(source.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}"

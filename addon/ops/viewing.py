@@ -17,6 +17,7 @@ from ..scene.rig_preview import leave_take
 from ..scene.roots import in_world
 from ..scene.stored import Stored
 from ..scene.take import is_take, remove_take
+from ..scene.units import metre_in
 from .base import WithTake, lacks_object_mode, once, operator, taken, unless
 from .gestures import window_region
 from .picking import selected_markers, show_picked
@@ -128,7 +129,7 @@ def bring_into_view(context: bpy.types.Context, places: np.ndarray, room: float 
         if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective != "CAMERA":
             view = area.spaces.active.region_3d
             view.view_location = middle.tolist()
-            view.view_distance = max(room * reach, MIN_ROOM)
+            view.view_distance = max(room * reach, MIN_ROOM * metre_in(context.scene))
 
 
 def show_take_whole(context: bpy.types.Context, points: np.ndarray):

@@ -120,7 +120,7 @@ def show_take(
         collection = bpy.data.collections.new(naming.title(take.name))
         scene.collection.children.link(collection)
         ownership.sign(collection, collection.name)
-    actions, root = TakeActions(collection.name), ensure_root(collection, take.name)
+    actions, root = TakeActions(collection.name), ensure_root(scene, collection, take.name)
     names = take.markerset.markers
     motion, unfit = put_fills(take.motion, names, take.fills)
     if take.cutoff is not None:
