@@ -21,7 +21,7 @@ from .ownership import Former, put_in_place
 from .performers import colours_in
 from .stored import Stored
 from .take import SOURCE, Take, clear_take, is_linked, leave_out, show_take, takes_of
-from .timing import follow_rate, is_timed_otherwise, kept_clock
+from .timing import follow_rate, give_range, is_timed_otherwise, kept_clock
 
 CHANGES = "mocap_changes"
 MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
@@ -143,5 +143,6 @@ def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, float], lay: t
         first = min(first, scene.frame_start)
     if lay is None or last >= lay[1]:
         last = max(last, scene.frame_end)
-    scene.frame_start, scene.frame_end = first, last
+    if (scene.frame_start, scene.frame_end) != (first, last):
+        give_range(scene, first, last)
     set_moment(scene, current)
