@@ -16,7 +16,7 @@ from ..scene.ownership import persons_in
 from ..scene.rig_preview import leave_take
 from ..scene.roots import in_world
 from ..scene.stored import Stored
-from ..scene.take import is_take, remove_take
+from ..scene.take import is_hidden, is_linked, is_take, remove_take, takes_of
 from ..scene.units import metre_in
 from .base import WithTake, lacks_object_mode, once, operator, taken, unless
 from .gestures import window_region
@@ -65,7 +65,11 @@ def clear(self, context):
     settings = context.scene.mocap_autolabel
     leave_take(context, settings.take)
     collection, settings.take = settings.take, None
+    others = [one for one in takes_of(context.scene) if one != collection]
     left = remove_take(collection, context.scene)
+    # The latest of the others becomes the active one, if need be one that was hidden, as for other markers.
+    seen = [one for one in others if not is_hidden(one, context.view_layer)]
+    settings.take = next(reversed(seen or [one for one in others if not is_linked(one)]), None)
     opened.forget_read()
     refresh_review(context.window_manager, context.scene)
     if left is not None:

@@ -20,7 +20,7 @@ from addon.scene.stored import alone
 from tests.inputs.rigs import bones_of
 
 from .conftest import write_walk_and_ghost
-from .hands import out_of_another_file, press, reopen, shown, stored_take
+from .hands import out_of_another_file, press, reopen, session, shown, stored_take
 
 KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
 
@@ -448,3 +448,16 @@ def test_after_labelling_again_and_its_undo_the_take_at_hand_is_the_one_that_is_
     undone = stored_take().labels.marker
     assert len(undone) == count
     assert again.tolist() == undone[:2].tolist()[::-1]
+
+
+def test_another_take_is_the_active_one_after_one_was_removed(extension, empty, made):
+    scene, settings = empty.scene, empty.scene.mocap_autolabel
+    three = [takes.show_take(empty, made.take(name=name)) for name in ("other markers", "first", "second")]
+    three[0].hide_viewport, names = True, [one.name for one in three]
+    settings.take = three.pop()
+    for name in reversed(names[:2]):
+        press("clear")
+        assert settings.take.name == name and not settings.take.hide_viewport
+        assert settings.display.stage == "REVIEW" and len(session().markers) == 18
+    press("clear")
+    assert settings.take is None and takes.takes_of(scene) == []
