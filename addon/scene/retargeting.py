@@ -89,7 +89,9 @@ def retarget_take(
         channels = [(*channel, values[there - there[0]]) for *channel, values in ready.channels(*moved)]
     action = action or _new_action(rig)
     action.name = f"{stored.name} retargeted"
-    action[PREVIEW]["posed"] = json.dumps(ready.before.channels | json.loads(action[PREVIEW]["posed"]))
+    posed = json.loads(action[PREVIEW]["posed"])
+    pose_bones(rig, {bone: posed.pop(bone) for bone in posed.keys() - ready.before.channels.keys()})
+    action[PREVIEW]["posed"] = json.dumps(ready.before.channels | posed)
     clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
     bag, frames = animation.channels(rig, action), clock.shown(stored.motion.frames)[there]
     kept = {bone_path(bone, channel) for bone, channel, _ in channels}

@@ -714,6 +714,25 @@ def test_until_it_is_baked_an_action_follows_choices_bones_and_corrections(shown
     assert retargeted(rig) != action
 
 
+def test_a_bone_that_is_chosen_no_more_is_posed_as_before(shown):
+    rig = mixamo()
+    hand, head = (rig.pose.bones[MIXAMO[part]] for part in ("hand.L", "head"))
+    for bone in (hand, head):
+        bone.rotation_mode, bone.rotation_euler = "XYZ", (0.1, 0.2, 0.3)
+    retargeted(rig)
+    own = rig.mocap_autolabel
+    bpy.context.scene.frame_set(120)
+    before = hand.rotation_euler.copy()
+    own.bones["hand.L"].bone = ""
+    assert before != hand.rotation_euler == Euler((0.1, 0.2, 0.3))
+    bpy.context.scene.frame_set(110)
+    assert hand.rotation_euler == Euler((0.1, 0.2, 0.3)) != head.rotation_euler
+    hand.rotation_euler = 0.4, 0.5, 0.6  # theirs by now
+    own.keep_feet = True
+    press("discard_retarget")
+    assert hand.rotation_euler == Euler((0.4, 0.5, 0.6)) and head.rotation_euler == Euler((0.1, 0.2, 0.3))
+
+
 def test_choices_work_with_the_settled_body_that_is_there_until_it_or_its_rest_is_another(shown, monkeypatch):
     rig, moving, asked = mixamo(), ours("core.retarget.moving").Moving, []
     settled = moving.settled
