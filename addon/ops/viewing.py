@@ -16,7 +16,7 @@ from ..scene.ownership import persons_in
 from ..scene.rig_preview import leave_take
 from ..scene.roots import in_world
 from ..scene.stored import Stored
-from ..scene.take import is_hidden, is_linked, is_take, remove_take, takes_of
+from ..scene.take import adopt_copies, is_hidden, is_linked, is_take, remove_take, takes_of
 from ..scene.units import metre_in
 from .base import WithTake, lacks_object_mode, once, operator, taken, unless
 from .gestures import window_region
@@ -63,6 +63,7 @@ def jump(self, context):
 def clear(self, context):
     """Remove the labelled take with previews on rigs; its cameras and blobs stay, and all that you made or changed."""
     settings = context.scene.mocap_autolabel
+    adopt_copies()
     leave_take(context, settings.take)
     collection, settings.take = settings.take, None
     others = [one for one in takes_of(context.scene) if one != collection]

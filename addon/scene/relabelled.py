@@ -20,7 +20,7 @@ from .opened import opened
 from .ownership import Former, put_in_place
 from .performers import colours_in
 from .stored import Stored
-from .take import SOURCE, Take, clear_take, is_linked, leave_out, show_take, takes_of
+from .take import SOURCE, Take, adopt_copies, clear_take, is_linked, leave_out, show_take, takes_of
 from .timing import follow_rate, give_range, is_timed_otherwise, kept_clock
 
 CHANGES = "mocap_changes"
@@ -36,6 +36,7 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     frames that the scene plays unless all of the take was labelled for the first time (`whole`).
     """
     scene = context.scene
+    adopt_copies()
     others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
     if any(is_timed_otherwise(scene, one) for one in others):  # the scene's rate was changed since: all goes along
         follow_rate(scene, but=[one for one in takes_of(scene) if one not in others])

@@ -219,6 +219,18 @@ def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     return [collection for collection in scene.collection.children_recursive if is_take(collection)]
 
 
+def adopt_copies():
+    """Makes what takes show the add-on's own in scenes that were copied in full, too."""
+    for scene in bpy.data.scenes:
+        here = takes_of(scene)
+        for take in here:
+            made = take.get(ownership.MADE)
+            if any(
+                one.get(ownership.MADE) == made and is_take(one) and one not in here for one in bpy.data.collections
+            ):
+                ownership.adopt_copy(scene, take)
+
+
 def is_take(collection: bpy.types.Collection | None) -> bool:
     """True for a collection made by `show_take`."""
     return collection is not None and naming.TAKE in collection
