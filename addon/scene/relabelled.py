@@ -22,6 +22,7 @@ from .performers import colours_in
 from .stored import Stored
 from .take import SOURCE, Take, adopt_copies, clear_take, is_linked, leave_out, show_take, takes_of
 from .timing import follow_rate, give_range, is_timed_otherwise, kept_clock
+from .trouble import answered_doubts
 
 CHANGES = "mocap_changes"
 MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
@@ -55,9 +56,11 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
         lay = clock.whole(old.first), clock.whole(old.last)
         whole_take = merged(old, new)
         found = changes_of(old, whole_take, take.markerset.markers)
+        # Labelling leaves out what was answered, which the list of what is done has still.
+        done = tuple(one for one in answered_doubts(collection, scene) if one not in whole_take.suspects)
         take = replace(
             take,
-            **vars(whole_take),
+            **vars(replace(whole_take, suspects=whole_take.suspects + done)),
             edits=take.edits if edits is None else edits,
             old_body=np.setdiff1d(stored.motion.frames[stored.stale], take.motion.frames),
             colours={**colours_in(collection), **take.colours},
