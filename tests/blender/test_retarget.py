@@ -728,6 +728,9 @@ def test_a_bone_that_is_chosen_no_more_is_posed_as_before(shown):
     bpy.context.scene.frame_set(110)
     assert hand.rotation_euler == Euler((0.1, 0.2, 0.3)) != head.rotation_euler
     hand.rotation_euler = 0.4, 0.5, 0.6  # theirs by now
+    own.bones["thigh.R"].bone = ""  # without which nobody moves: the preview stays as it is
+    assert head.rotation_euler != Euler((0.1, 0.2, 0.3))
+    own.bones["thigh.R"].bone = MIXAMO["thigh.R"]
     own.keep_feet = True
     press("discard_retarget")
     assert hand.rotation_euler == Euler((0.4, 0.5, 0.6)) and head.rotation_euler == Euler((0.1, 0.2, 0.3))
