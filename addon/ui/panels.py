@@ -39,7 +39,7 @@ FORMATS = "3D points, blobs with their calibration, a .qtm or pictures"
 PART_WIDTH = (
     0.35  # of the sidebar's, for a part of the body beside its bone; where both have no room they are in two rows
 )
-ICONS = 6  # letters that the icons in the field of a bone take
+FIELD_ICONS = 6  # letters that the icons in the field of a bone take
 TEACH = "To teach a marker set of your own, open a take of it that has names, such as a standing trial"
 
 
@@ -289,7 +289,7 @@ def _draw_rig(context: bpy.types.Context, layout: bpy.types.UILayout, rig: bpy.t
         letters = letters_across(context)
         for row in own.bones:
             words = row.name[:1].upper() + row.name[1:].replace("_", " ")
-            fits = len(words) <= PART_WIDTH * letters and len(row.bone) + ICONS <= (1 - PART_WIDTH) * letters
+            fits = len(words) <= PART_WIDTH * letters and len(row.bone) + FIELD_ICONS <= (1 - PART_WIDTH) * letters
             pair = column.split(factor=PART_WIDTH, align=True) if fits else column
             pair.label(text=words)
             pair.prop_search(row, "bone", rig.data, "bones", text="")
