@@ -195,7 +195,7 @@ class SourceSettings(bpy.types.PropertyGroup):
     )
     forced: BoolProperty(name="Regardless", description="Whether names are wanted whatever is wrong with the take")
     preview: PointerProperty(type=bpy.types.Mesh)
-    at_1: BoolProperty(name="Start at Frame 1", description="Whether frame 1 of the scene is the take's first one")
+    at_1: BoolProperty(name="Start with the Scene", description="Whether the take begins at the scene's first frame")
     first_frame: IntProperty(name="First", description="First frame of the take")
     last_frame: IntProperty(name="Last", description="Last frame of the take")
     blob_count: IntProperty(name="Blobs", description="Number of blobs or points")

@@ -18,7 +18,7 @@ from ..core.data.takes import Points
 from ..core.data.wording import count_of, listed, words_of_range
 from .c3d.file import TrialFile
 from .c3d.reading import open_c3d
-from .c3d.writing import write_c3d_file
+from .c3d.writing import names_in_c3d, write_c3d_file
 from .qtm.capture import USE_POINTS, held_in, is_qtm
 from .qtm.records import read_qtm_points
 from .samples import PointFile, TextHead, packed
@@ -199,10 +199,21 @@ def marker_columns(names: Sequence[str], wanted: Sequence[str], path: Path | str
 
 
 def columns_of_set(names: Sequence[str], markerset: MarkerSet, path: Path | str = "") -> np.ndarray:
-    """(M,) which of a take's `names` is each marker of a set, by its name or an alias; -1 where the take has none."""
-    found, aliases = marker_columns(names, markerset.markers, path), list(markerset.aliases)
-    for alias, column in zip(aliases, marker_columns(names, aliases, path), strict=True):
-        index = markerset.index(markerset.aliases[alias])
+    """(M,) which of a take's `names` is each marker of a set: its own, an alias, or the beginning that a C3D holds.
+
+    -1 where the take has none, or what begins alike is several markers'.
+    """
+    found, others = marker_columns(names, markerset.markers, path), dict(markerset.aliases)
+    owners = {name.rpartition(":")[0] for name in names}
+    before = f"{owners.pop()}:" if len(owners) == 1 and owners != {""} else ""
+    whole = [before + name for name in markerset.markers]
+    others |= {
+        cut: marker
+        for cut, name, marker in zip(names_in_c3d(whole), whole, markerset.markers, strict=True)
+        if cut != name and [one for one in whole if one.startswith(cut)] == [name]
+    }
+    for other, column in zip(others, marker_columns(names, list(others), path), strict=True):
+        index = markerset.index(others[other])
         found[index] = column if found[index] < 0 else found[index]
     return found
 

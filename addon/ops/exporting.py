@@ -31,7 +31,7 @@ from ..scene.character import add_character, moving_in
 from ..scene.clock import fps_of
 from ..scene.opened import opened
 from ..scene.performers import homes
-from ..scene.roots import is_animated, is_even, parent_of, placed, root_of
+from ..scene.roots import is_animated, is_even, moved_by, parent_of, root_of
 from ..scene.stored import Stored, alone
 from ..scene.take import is_take
 from .base import OfTake, ToldWhere, WithTake, lacks_object_mode, lacks_take, once, taken
@@ -182,7 +182,7 @@ class ExportsPerformers(ExportsTake):
         take = context.scene.mocap_autolabel.take
         if homes(take):
             self.layout.prop(self, "performer")
-        if is_animated(root_of(take)) or not np.array_equal(placed(take), np.eye(4)):
+        if is_animated(root_of(take)) or not np.array_equal(moved_by(take), np.eye(4)):
             self.layout.prop(self, "room")
 
     def place(self, context) -> np.ndarray:
@@ -193,7 +193,7 @@ class ExportsPerformers(ExportsTake):
         if is_animated(root_of(take)):
             words = "the take's root, or what it hangs on, is animated"
             raise InputError(f"{words}; expected it to stay in one place, or Room Coordinates on")
-        place = placed(take)
+        place = moved_by(take)
         if not is_even(place):
             words = "the take's root is mirrored or scaled unevenly"
             raise InputError(f"{words}; expected its scale alike on all axes, or Room Coordinates on")

@@ -11,7 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, evenly_spread
-from ..core.data.wording import count_of, listed
+from ..core.data.wording import count_of, listed, words_of_frames
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.geometry.cameras import Cameras
 from ..io.arrivals import TAKE_ENDINGS, Arrivals
@@ -28,8 +28,9 @@ from ..scene.clock import TakeClock, fps_of, plays_at
 from ..scene.later import soon
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
+from ..scene.roots import in_world
 from ..scene.take import is_take
-from ..scene.timing import OWN_FIRST, follow_rate, give_time, kept_clock, set_time
+from ..scene.timing import OWN_FIRST, follow_rate, give_time, is_free, kept_clock, set_time
 from .base import Ours, once, operator, reason_of, unless
 from .viewing import MAX_PLACES, fit_timelines, open_sidebar, show_take_whole
 
@@ -51,7 +52,7 @@ NEEDS_CAMERA = unless(
 )
 
 
-AT_1 = once(BoolProperty, "Start at Frame 1", "Begin at frame 1 of the scene, and not at the number in the file")
+AT_1 = once(BoolProperty, "Start with the Scene", "Begin at the scene's first frame, and not at the number in the file")
 
 
 class ImportsFile(Ours, ImportHelper):
@@ -298,7 +299,7 @@ def look_when_free() -> float | None:
 def take_blobs(context: bpy.types.Context, path: Path, at_1: bool = False) -> str:
     """Makes a file of blobs the scene's take and says what is in it; InputError where it cannot be used.
 
-    `at_1`, the take begins at the scene's frame 1.
+    `at_1`, the take begins with the scene.
     """
     scene, source = context.scene, context.scene.mocap_autolabel.source
     cameras, own = _cameras_for(scene, path)
@@ -309,7 +310,7 @@ def take_blobs(context: bpy.types.Context, path: Path, at_1: bool = False) -> st
         source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
     source.rate = blob_rate(path, None) or source.rate
     kept, clock = _set_frames(context, blobs.frames, at_1)
-    source.preview = store_preview(path.stem, blobs, cameras, source.rate, clock)
+    source.preview = store_preview(scene, path.stem, blobs, cameras, source.rate, clock)
     source.blobs_path, source.blob_count = str(path), len(blobs)
     fit_timelines(context)
     summary = f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}"
@@ -344,7 +345,7 @@ def take_points(
     """Makes a file of 3D points the scene's take and says what is in it; InputError where it cannot be used.
 
     `up` is the axis that points up in it where the user knows, `rate` is used where the file says none;
-    `mirror` reverses an axis of one whose axes are left-handed; `at_1`, the take begins at the scene's frame 1.
+    `mirror` reverses an axis of one whose axes are left-handed; `at_1`, the take begins with the scene.
     """
     source, take = context.scene.mocap_autolabel.source, read_points(path, up=up, rate=rate or None, mirror=mirror)
     frames = take.first_frame + np.arange(len(take.xyz))
@@ -356,7 +357,8 @@ def take_points(
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
     source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
     source.trajectories, source.named = len(take.names), sum(map(bool, take.names))
-    show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
+    some = take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3)
+    show_take_whole(context, in_world(source.preview, some))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
     summary = f"{count_of(source.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}"
@@ -401,21 +403,28 @@ def _check_frames(frames: np.ndarray, path: Path):
 
 def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> tuple[list[str], TakeClock]:
     """Notes the frames of the take and has the scene play them; what there is to say where it does not, and when."""
-    source, labelling = context.scene.mocap_autolabel.source, context.scene.mocap_autolabel.labelling
+    scene, words = context.scene, []
+    source, labelling = scene.mocap_autolabel.source, scene.mocap_autolabel.labelling
     source.first_frame, source.last_frame, source.at_1 = int(frames[0]), int(frames[-1]), at_1
     labelling.range_first, labelling.range_last = source.first_frame, source.last_frame
-    clock = give_time(context.scene, source.rate, frames, clock_of(source))
-    if plays_at(context.scene, source.rate):
-        return [], clock
-    how = "the take is mapped to them" if clock.step != 1 else "the take plays frame by frame"
-    return [f"the scene keeps its {fps_of(context.scene):g} frames a second, and {how}"], clock
+    begin = 1 if is_free(scene) else scene.frame_start
+    clock = give_time(scene, source.rate, frames, TakeClock.of(frames, begin if at_1 else None))
+    if not plays_at(scene, source.rate):
+        how = "the take is mapped to them" if clock.step != 1 else "the take plays frame by frame"
+        words.append(f"the scene keeps its {fps_of(scene):g} frames a second, and {how}")
+    first, last = clock.whole(source.first_frame), clock.whole(source.last_frame)
+    if last < scene.frame_start or scene.frame_end < first:
+        words.append(
+            f"it is at {words_of_frames(first, last)}, and the scene keeps its own, from {scene.frame_start} on"
+        )
+    return words, clock
 
 
 def clock_of(source: bpy.types.PropertyGroup) -> TakeClock:
     """When the take plays that is opened: as it is shown, else from which of the scene's frames on."""
     if source.preview is not None and OWN_FIRST in source.preview:
         return kept_clock(source.preview, source.first_frame)
-    return TakeClock.of(np.array([source.first_frame, source.last_frame]), source.at_1)
+    return TakeClock.of(np.array([source.first_frame, source.last_frame]), 1 if source.at_1 else None)
 
 
 @operator(label="Play as the Take")

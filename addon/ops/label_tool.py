@@ -146,7 +146,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         self.tell(
             context,
             f"{name}?",
-            MOUSE_LMB=f"{name}, {left} missing in this frame",
+            MOUSE_LMB=f"{name}, {left} missing here",
             EVENT_SPACEKEY="Not Here",
             EVENT_BACKSPACE="Take the Last Back",
             EVENT_ESC="End",
@@ -263,7 +263,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _keys(self) -> dict[str, str]:
-        place = f"{self.marker} Is Here" if self._at is None else "More Exactly, from Another Side"
+        place = f"{self.marker} Is Here" if self._at is None else "From Another Side"
         return {"MOUSE_LMB": place} | {"EVENT_RETURN": "Confirm", "EVENT_ESC": "Cancel"}
 
     def confirm(self, context) -> set[str]:

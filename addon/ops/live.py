@@ -107,7 +107,7 @@ class LivePerformer:
             if self._begins is not body.begins:  # another subject's bones
                 self._character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
                 self._begins = body.begins
-            self._rig = self._rig or MovedRig(rig, self._character)
+            self._rig = self._rig or MovedRig(context.scene, rig, self._character)
             self._rig.move(rig, self._character, body.joints, body.rotations)
         except UserError as error:
             self.trouble = written(str(error))

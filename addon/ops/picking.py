@@ -15,13 +15,14 @@ from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
 from ..scene import naming
 from ..scene.blob_dots import blob_dots, marker_dots, rows_now
-from ..scene.cameras import camera_name, camera_through
+from ..scene.cameras import camera_name, camera_through, room_pose
 from ..scene.markers import marker_empties
 from ..scene.opened import opened
 from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
 from ..scene.roots import placed
 from ..scene.stored import Stored
 from ..scene.take import holds_points, is_hidden, is_take
+from ..scene.units import enlarged, metre_of
 from .base import OfTake, PicksOfTake, once, operator, reports_trouble, taken
 from .gestures import Drags, gesture, place_in, window_region
 from .listing import lists_follow
@@ -125,18 +126,17 @@ def dots_here(stored: Stored, scene: bpy.types.Scene, area: bpy.types.Area | Non
 
 
 def image_in(stored: Stored, scene: bpy.types.Scene, area: bpy.types.Area) -> tuple[int, np.ndarray] | None:
-    """Which of a take's cameras a view looks through, and the pose (4, 4) of Blender's; None where through none."""
+    """Which of a take's cameras a view looks through, and Blender's pose (4, 4) of it, m; None where through none."""
     camera = camera_through(area.spaces.active, scene)
     if camera is None or camera_name(camera) not in stored.cameras.names:
         return None
-    pose = np.array(camera.matrix_world.normalized(), dtype=float)
-    return stored.cameras.names.index(camera_name(camera)), pose
+    return stored.cameras.names.index(camera_name(camera)), room_pose(camera)
 
 
 def take_to_view(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> np.ndarray:
     """(4, 4) from a take's coordinates to where a view shows it: as its root is; the room's through its cameras."""
     if image_in(stored, context.scene, area) is not None:
-        return np.eye(4)
+        return enlarged(metre_of(camera_through(area.spaces.active, context.scene)))
     return placed(context.scene.mocap_autolabel.take)
 
 

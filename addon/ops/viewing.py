@@ -16,7 +16,8 @@ from ..scene.ownership import persons_in
 from ..scene.rig_preview import leave_take
 from ..scene.roots import in_world
 from ..scene.stored import Stored
-from ..scene.take import is_take, remove_take
+from ..scene.take import adopt_copies, is_hidden, is_linked, is_take, remove_take, takes_of
+from ..scene.units import metre_in
 from .base import WithTake, lacks_object_mode, once, operator, taken, unless
 from .gestures import window_region
 from .picking import selected_markers, show_picked
@@ -62,9 +63,14 @@ def jump(self, context):
 def clear(self, context):
     """Remove the labelled take with previews on rigs; its cameras and blobs stay, and all that you made or changed."""
     settings = context.scene.mocap_autolabel
+    adopt_copies()
     leave_take(context, settings.take)
     collection, settings.take = settings.take, None
+    others = [one for one in takes_of(context.scene) if one != collection]
     left = remove_take(collection, context.scene)
+    # The latest of the others becomes the active one, if need be one that was hidden, as for other markers.
+    seen = [one for one in others if not is_hidden(one, context.view_layer)]
+    settings.take = next(reversed(seen or [one for one in others if not is_linked(one)]), None)
     opened.forget_read()
     refresh_review(context.window_manager, context.scene)
     if left is not None:
@@ -128,7 +134,7 @@ def bring_into_view(context: bpy.types.Context, places: np.ndarray, room: float 
         if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective != "CAMERA":
             view = area.spaces.active.region_3d
             view.view_location = middle.tolist()
-            view.view_distance = max(room * reach, MIN_ROOM)
+            view.view_distance = max(room * reach, MIN_ROOM * metre_in(context.scene))
 
 
 def show_take_whole(context: bpy.types.Context, points: np.ndarray):

@@ -17,6 +17,7 @@ from mathutils import Matrix
 from ..core.data.errors import InputError, of_file
 from ..core.geometry.cameras import Cameras
 from . import naming
+from .units import METRE, metre_in, metre_of
 
 SENSOR_WIDTH = 36.0  # mm; only its ratio to the focal length matters
 IMAGE_SIZE, ASPECT, SKEW, DISTORTION = "mocap_size", "mocap_aspect", "mocap_skew", "mocap_distortion"
@@ -35,20 +36,22 @@ def add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.Collectio
     collection = bpy.data.collections.new(naming.title("cameras"))
     collection[naming.CAMERAS] = len(cameras)
     scene.collection.children.link(collection)
+    metre = metre_in(scene)
     for index, name in enumerate(cameras.names):
         data = bpy.data.cameras.new(name)
         camera = bpy.data.objects.new(name, data)
-        camera[naming.CAMERA] = name
+        camera[naming.CAMERA], camera[METRE] = name, metre
         (width, height), matrix = cameras.size[index], cameras.matrix[index]
         data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR_WIDTH
         data.lens = matrix[0, 0] * SENSOR_WIDTH / width
         data.shift_x = (width / 2 - matrix[0, 2]) / width
         data.shift_y = (matrix[1, 2] - height / 2) * matrix[0, 0] / matrix[1, 1] / width
-        data.display_size, data.clip_start = CAMERA_DISPLAY_SIZE, 0.01
+        data.display_size, data.clip_start = CAMERA_DISPLAY_SIZE * metre, 0.01 * metre
+        data.clip_end *= metre
         _keep_beyond_blender(data, cameras.size[index], matrix, cameras.distortion[index], cameras.inverse[index])
         pose = np.eye(4)
         pose[:3, :3] = cameras.rotation[index].T @ FLIP
-        pose[:3, 3] = cameras.centres[index]
+        pose[:3, 3] = cameras.centres[index] * metre
         camera.matrix_world = Matrix(pose.tolist())
         collection.objects.link(camera)
     if len(cameras) and not is_mocap_camera(scene.camera):
@@ -87,7 +90,7 @@ def adopt_cameras(scene: bpy.types.Scene) -> bpy.types.Collection:
         scene.collection.children.link(collection)
     collection[naming.CAMERAS], collection[ADOPTED], collection.hide_viewport = len(items), True, False
     for item, lens in zip(items, lenses, strict=True):
-        item[naming.CAMERA] = names[item]
+        item[naming.CAMERA], item[METRE] = names[item], metre_in(scene)
         _keep_beyond_blender(item.data, *lens)
         if item.name not in collection.objects:
             collection.objects.link(item)
@@ -167,6 +170,13 @@ def camera_through(space: bpy.types.Space, scene: bpy.types.Scene) -> bpy.types.
     return camera if is_mocap_camera(camera) else None
 
 
+def room_pose(camera: bpy.types.Object) -> np.ndarray:
+    """(4, 4) of a calibrated camera as a view has it, in metres."""
+    pose = np.array(camera.matrix_world.normalized(), dtype=float)
+    pose[:3, 3] /= metre_of(camera)
+    return pose
+
+
 def look_through(scene: bpy.types.Scene, camera: bpy.types.Object):
     """Makes `camera` the scene's camera, with its picture's size and pixel aspect, which Blender keeps per scene."""
     scene.camera = camera
@@ -193,6 +203,8 @@ def calibrations(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Camer
     shapes = (-1, 2), (-1, 3, 3), (-1, 5), (-1, 3)
     size, matrix, distortion, inverse = (np.array(one).reshape(to) for one, to in zip(lenses, shapes, strict=True))
     poses = np.array([pose_of(item).normalized() for item in items]).reshape(-1, 4, 4)
+    metres = [metre_of(item) if is_mocap_camera(item) else metre_in(scene) for item in items]
+    poses[:, :3, 3] /= np.reshape(metres, (-1, 1))
     left, _, right = np.linalg.svd(FLIP @ poses[:, :3, :3].transpose(0, 2, 1))
     rotation = left @ right  # the nearest to matrices in single precision
     translation = -np.einsum("cij,cj->ci", rotation, poses[:, :3, 3])

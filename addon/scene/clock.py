@@ -44,10 +44,10 @@ class TakeClock:
     step: float = 1.0
 
     @classmethod
-    def of(cls, frames: np.ndarray, at_1: bool = False) -> Self:
-        """That of a take of the source's frames (F,), frame by frame: with its own numbers, or from frame 1 on.
+    def of(cls, frames: np.ndarray, start: int | None = None) -> Self:
+        """That of a take of the source's frames (F,), frame by frame: with its own numbers, or from `start` on.
 
-        From 1 on also where Blender cannot count so far, or below 0. JobError where there are more than it counts.
+        From 1 on where Blender cannot count so far, or below 0. JobError where there are more than it counts.
         """
         if not len(frames):
             return cls()
@@ -57,7 +57,8 @@ class TakeClock:
                 f"goes from frame {first} to {last}; expected at most {LAST_FRAME} frames, which is how far "
                 "Blender counts, so choose some of them"
             )
-        return cls(first, 1 if at_1 or first < 0 or last > LAST_FRAME else first)
+        own = 1 if first < 0 or last > LAST_FRAME else first
+        return cls(first, own if start is None else start)
 
     def at_rate(self, fps: float, rate: float) -> "TakeClock":
         """The same of a take of `rate` in a scene that plays `fps` frames a second."""

@@ -9,17 +9,18 @@ from ..core.posing.character import Character
 from ..core.retarget.matching import match_bones
 from ..core.retarget.retargeting import retarget
 from .retargeting import ReadyRig, checked, rest_bones
+from .units import metre_in
 
 
 class MovedRig:
     """A rig in the hands of a stream. It is asked for anew by its number each time, as undoing makes other objects."""
 
-    def __init__(self, rig: bpy.types.Object, character: Character):
+    def __init__(self, scene: bpy.types.Scene, rig: bpy.types.Object, character: Character):
         """Readies it; InputError, and the rig as it was, where it is no person's or cannot be moved."""
         rows = rig.mocap_autolabel.bones
         matched = {row.name: row.bone for row in rows if row.bone} if rows else match_bones(rest_bones(rig))
         self.number = rig.session_uid
-        self._ready = ReadyRig.of(rig, *checked(rig, matched, character, Matrix()))
+        self._ready = ReadyRig.of(rig, *checked(rig, matched, character, Matrix.Scale(metre_in(scene), 4)))
 
     def move(self, rig: bpy.types.Object, character: Character, joints: np.ndarray, rotations: np.ndarray):
         """Puts it where a body is, by the joints (J, 3) m and the rotations (J, 3, 3) of its segments.

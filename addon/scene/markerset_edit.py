@@ -19,6 +19,7 @@ from . import armature as armatures
 from . import naming
 from .body import END, RADIUS, START, add_body
 from .markers import add_marker
+from .units import metre_in
 
 MARKER_SIZE = 0.015
 UNMOVED = 0.002  # of the subject's height: a marker nearer to its place than that was not moved
@@ -34,6 +35,7 @@ def show_markerset(context: bpy.types.Context, markerset: MarkerSet, source: str
     context.scene.collection.children.link(collection)
     build = armatures.mean_build(markerset)
     armature = armatures.add_armature(context, collection, f"{markerset.name} skeleton", markerset, build)
+    armature.scale = [metre_in(context.scene)] * 3
     add_body(collection, armature, markerset, build.scale)
     for index, name in enumerate(markerset.markers):
         place = np.eye(4)

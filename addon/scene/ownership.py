@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whose a thing in the scene is: the add-on's is what it made and nobody changed since, all else is a person's.
 
-What is made is signed with what it is in its take and how it was made. A copy has another name, so it is a person's.
+What is made is signed with what it is in its take and how it was made. A copy has another name, so it is a person's;
+but where all of a scene was copied, what is as its original is the add-on's in the copy, too.
 """
 
 from collections.abc import Iterable, Iterator
@@ -43,8 +44,31 @@ def is_untouched(block: bpy.types.ID) -> bool:
     return _is_as_signed(block) and (not isinstance(block, bpy.types.Object) or is_keyed_by_us(block))
 
 
-def _is_as_signed(block: bpy.types.ID) -> bool:
-    return block.get(MADE) == f"{_state(block)} {role_of(block)}"
+def _is_as_signed(block: bpy.types.ID, called: bpy.types.ID | None = None) -> bool:
+    return block.get(MADE) == f"{_state(block, called or block)} {role_of(block)}"
+
+
+def adopt_copy(scene: bpy.types.Scene, take: bpy.types.Collection):
+    """Makes what was copied with a take, to a scene that has it since, the add-on's own, but for what was changed then.
+
+    Nothing where the take is no such copy.
+    """
+    before = role_of(take)
+    actions = {item.animation_data.action for item in scene.objects if item.animation_data is not None} - {None}
+    blocks = [take, *take.children_recursive, *actions, *take.all_objects]
+    others = [*bpy.data.collections, *bpy.data.actions, *bpy.data.objects]
+    twins = {(type(one), one[MADE]): one for one in set(others).difference(blocks) if MADE in one}
+    pairs = [(one, twins.get((type(one), one.get(MADE)))) for one in blocks]
+    copies = [(one, twin) for one, twin in pairs if twin is not None]
+    same = [one for one, twin in copies if _is_as_signed(twin) and _is_as_signed(one, twin)]
+    if not any(isinstance(one, bpy.types.Object) for one in same):
+        return
+    for one, _ in copies:
+        role = role_of(one)
+        if role == before or role.startswith(f"{before}\n"):
+            one[MADE] = f"{one[MADE].partition(' ')[0]} {take.name}{role[len(before) :]}"
+    for one in same:
+        sign(one, role_of(one))
 
 
 def note_keys(bag: bpy.types.ActionChannelbag, curve: bpy.types.FCurve, keys: np.ndarray):
@@ -230,17 +254,19 @@ def _drop_keys(items: Iterable[bpy.types.Object]):
         remove_or_keep(action)
 
 
-def _state(block: bpy.types.ID) -> str:
+def _state(block: bpy.types.ID, called: bpy.types.ID | None = None) -> str:
     """What tells whether a person changed something: its name, what it is made of, what was added to it, its curves.
 
     Not what Blender changes as it plays, what only says how a thing is shown, nor the colours that the panels choose.
+    Its name may be that of another one, after which it is `called`.
     """
-    content: list = _of_any(block)
+    called = called or block
+    content: list = _of_any(block, called)
     arrays: list[np.ndarray] = []
     if isinstance(block, bpy.types.Object):
         content += _of_object(block)
         if block.data is not None:
-            content += [*_of_any(block.data), block.data.animation_data is not None]
+            content += [*_of_any(block.data, called.data), block.data.animation_data is not None]
         if block.type == "MESH":
             mesh = block.data
             content += [len(mesh.polygons), sorted(one.name for one in mesh.attributes if one.name[0] != ".")]
@@ -264,8 +290,8 @@ def _state(block: bpy.types.ID) -> str:
     return str(digest)
 
 
-def _of_any(block: bpy.types.ID) -> list:
-    return [block.name, block.use_fake_user, block.asset_data is not None, _own_keys(block)]
+def _of_any(block: bpy.types.ID, called: bpy.types.ID) -> list:
+    return [called.name, block.use_fake_user, block.asset_data is not None, _own_keys(block)]
 
 
 def _own_keys(block) -> list[str]:

@@ -96,7 +96,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
     clock = give_time(scene, take.rate, ends, TakeClock.of(ends))
     clock = clock if plays_from_file(clock) else replace(clock, start=1)
     collection = _child(scene.collection, naming.title(take.name))
-    bones, sample, empties, root = [], poses.sampled(), {}, ensure_root(collection, take.name)
+    bones, sample, empties, root = [], poses.sampled(), {}, ensure_root(scene, collection, take.name)
     # The hidden mesh whose vertices the file moves.
     carrier = bpy.data.objects.new(f"{collection.name} motion", bpy.data.meshes.new(f"{collection.name} motion"))
     carrier.hide_viewport = carrier.hide_render = carrier.hide_select = True

@@ -15,15 +15,18 @@ from .ownership import numbers
 from .storage import FRAME, add_cloud, cloud_table
 from .stored import Stored
 from .timing import SHIFT, keep_clock, kept_clock
+from .units import METRE, metre_in
 
 CAMERA_NAMES = "mocap_camera_names"
 
 
-def store_preview(name: str, blobs: Blobs, cameras: Cameras, rate: float, clock: TakeClock) -> bpy.types.Mesh:
+def store_preview(
+    scene: bpy.types.Scene, name: str, blobs: Blobs, cameras: Cameras, rate: float, clock: TakeClock
+) -> bpy.types.Mesh:
     """Keeps unlabelled `blobs`, seen by `cameras`, in a mesh of the file; as a take that plays by a clock."""
     columns = {"frame": blobs.frames[blobs.frame], "camera": blobs.camera, "xy": blobs.xy}
     mesh = storage.store_table(naming.title(name, "blobs"), columns)
-    mesh[CAMERA_NAMES] = json.dumps(cameras.names)
+    mesh[CAMERA_NAMES], mesh[METRE] = json.dumps(cameras.names), metre_in(scene)
     keep_clock(mesh, clock, rate, blobs.frames)
     return mesh
 
@@ -51,7 +54,9 @@ def show_points(scene: bpy.types.Scene, name: str, take: Points, clock: TakeCloc
     title = naming.title(name, "points")
     mesh = cloud_table(title, rows.frames[rows.frame] + clock.shift, rows.xyz, trajectory=rows.trajectory)
     keep_clock(mesh, clock, take.rate, rows.frames)
-    ownership.sign(add_cloud(scene.collection, mesh, clock), "points")
+    item, mesh[METRE] = add_cloud(scene.collection, mesh, clock), metre_in(scene)
+    item.scale = [mesh[METRE]] * 3
+    ownership.sign(item, "points")
     return mesh
 
 

@@ -20,8 +20,9 @@ from .opened import opened
 from .ownership import Former, put_in_place
 from .performers import colours_in
 from .stored import Stored
-from .take import SOURCE, Take, clear_take, is_linked, leave_out, show_take, takes_of
-from .timing import follow_rate, is_timed_otherwise, kept_clock
+from .take import SOURCE, Take, adopt_copies, clear_take, is_linked, leave_out, show_take, takes_of
+from .timing import follow_rate, give_range, is_timed_otherwise, kept_clock
+from .trouble import answered_doubts
 
 CHANGES = "mocap_changes"
 MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
@@ -36,6 +37,7 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     frames that the scene plays unless all of the take was labelled for the first time (`whole`).
     """
     scene = context.scene
+    adopt_copies()
     others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
     if any(is_timed_otherwise(scene, one) for one in others):  # the scene's rate was changed since: all goes along
         follow_rate(scene, but=[one for one in takes_of(scene) if one not in others])
@@ -54,9 +56,11 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
         lay = clock.whole(old.first), clock.whole(old.last)
         whole_take = merged(old, new)
         found = changes_of(old, whole_take, take.markerset.markers)
+        # Labelling leaves out what was answered, which the list of what is done has still.
+        done = tuple(one for one in answered_doubts(collection, scene) if one not in whole_take.suspects)
         take = replace(
             take,
-            **vars(whole_take),
+            **vars(replace(whole_take, suspects=whole_take.suspects + done)),
             edits=take.edits if edits is None else edits,
             old_body=np.setdiff1d(stored.motion.frames[stored.stale], take.motion.frames),
             colours={**colours_in(collection), **take.colours},
@@ -143,5 +147,6 @@ def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, float], lay: t
         first = min(first, scene.frame_start)
     if lay is None or last >= lay[1]:
         last = max(last, scene.frame_end)
-    scene.frame_start, scene.frame_end = first, last
+    if (scene.frame_start, scene.frame_end) != (first, last):
+        give_range(scene, first, last)
     set_moment(scene, current)

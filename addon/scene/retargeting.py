@@ -82,14 +82,20 @@ def retarget_take(
     there = np.flatnonzero(np.isfinite(joints).all(axis=(1, 2)))
     if not len(there):
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
-    ready = ReadyRig.of(rig, bones, place)
-    with ready.before.or_put_back(rig):
-        motion = joints[there[0] : there[-1] + 1], rotated[there[0] : there[-1] + 1]
-        moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
-        channels = [(*channel, values[there - there[0]]) for *channel, values in ready.channels(*moved)]
+    if action is not None:  # what it moves no more is as it was before
+        pose_bones(rig, json.loads(action[PREVIEW]["posed"]))
+    try:
+        ready = ReadyRig.of(rig, bones, place)
+        with ready.before.or_put_back(rig):
+            motion = joints[there[0] : there[-1] + 1], rotated[there[0] : there[-1] + 1]
+            moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
+            channels = [(*channel, values[there - there[0]]) for *channel, values in ready.channels(*moved)]
+    except InputError:
+        refresh_frame(context.scene)
+        raise
     action = action or _new_action(rig)
     action.name = f"{stored.name} retargeted"
-    action[PREVIEW]["posed"] = json.dumps(ready.before.channels | json.loads(action[PREVIEW]["posed"]))
+    action[PREVIEW]["posed"] = json.dumps(ready.before.channels)
     clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
     bag, frames = animation.channels(rig, action), clock.shown(stored.motion.frames)[there]
     kept = {bone_path(bone, channel) for bone, channel, _ in channels}

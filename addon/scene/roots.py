@@ -8,6 +8,7 @@ from mathutils import Matrix
 from . import naming
 from .cameras import pose_of
 from .ownership import is_made_for, release, sign
+from .units import METRE, enlarged, metre_in, metre_of
 
 ROOT_SIZE = 0.5  # m, of the axes that are drawn
 SAME_SCALE = 1.001  # of the axes of what is scaled evenly
@@ -28,8 +29,10 @@ def _empty_of(collection: bpy.types.Collection, seen: bool) -> bpy.types.Object 
     return next((item for item in items if is_made_for(item, collection)), None)
 
 
-def ensure_root(collection: bpy.types.Collection, name: str) -> bpy.types.Object:
+def ensure_root(scene: bpy.types.Scene, collection: bpy.types.Collection, name: str) -> bpy.types.Object:
     """What the things of a take called `name` are parented to; a new root at the origin where there is none.
+
+    Everything on that is in metres, and it is as large as a metre is in the scene.
 
     Blender draws a dashed line from everything to its parent but for one that is hidden: so a hidden empty is between.
     """
@@ -37,6 +40,8 @@ def ensure_root(collection: bpy.types.Collection, name: str) -> bpy.types.Object
     if root is None:
         root = _add_empty(collection, f"{name} root", "root", seen=True)
         root.empty_display_type, root.empty_display_size = "PLAIN_AXES", ROOT_SIZE
+        root[METRE] = metre_in(scene)
+        root.scale = [root[METRE]] * 3
     if between is None:
         between = _add_empty(collection, f"{name} room", "room", seen=False)
         between.hide_viewport = between.hide_render = True
@@ -56,7 +61,7 @@ def put_where(collection: bpy.types.Collection, other: bpy.types.Collection):
     """Puts a take where another one stands, which is the same recording."""
     root, theirs = root_of(collection), root_of(other)
     if root is not None and theirs is not None:
-        root.matrix_world = pose_of(theirs)
+        root.matrix_world, root[METRE] = pose_of(theirs), metre_of(theirs)
 
 
 def remove_root(collection: bpy.types.Collection):
@@ -72,10 +77,18 @@ def remove_root(collection: bpy.types.Collection):
         bpy.data.objects.remove(root)
 
 
-def placed(collection: bpy.types.Collection | None) -> np.ndarray:
-    """(4, 4) from the coordinates of a take, which are the room's, to the world's."""
-    root = None if collection is None else root_of(collection)
+def placed(block: bpy.types.Collection | bpy.types.Mesh | None) -> np.ndarray:
+    """(4, 4) from the coordinates of a take, or of what waits to be labelled, which are the room's, to the world's."""
+    if isinstance(block, bpy.types.Mesh):
+        return enlarged(metre_of(block))
+    root = None if block is None else root_of(block)
     return np.array(Matrix() if root is None else pose_of(root), dtype=float)
+
+
+def moved_by(collection: bpy.types.Collection) -> np.ndarray:
+    """(4, 4) from the coordinates of a take to where a person put it, in metres as well."""
+    root = root_of(collection)
+    return enlarged(1.0 if root is None else 1 / metre_of(root)) @ placed(collection)
 
 
 def is_animated(item: bpy.types.Object | None) -> bool:
@@ -100,7 +113,7 @@ def is_even(place: np.ndarray) -> bool:
     return bool(np.linalg.det(place[:3, :3]) > 0 and sizes.max() <= SAME_SCALE * sizes.min())
 
 
-def in_world(collection: bpy.types.Collection, places: np.ndarray) -> np.ndarray:
-    """Where places (K, 3) m of a take are shown."""
-    matrix = placed(collection)
+def in_world(block: bpy.types.Collection | bpy.types.Mesh, places: np.ndarray) -> np.ndarray:
+    """Where places (K, 3) m of a take, or of what waits to be labelled, are shown."""
+    matrix = placed(block)
     return places @ matrix[:3, :3].T + matrix[:3, 3]

@@ -120,7 +120,7 @@ def show_take(
         collection = bpy.data.collections.new(naming.title(take.name))
         scene.collection.children.link(collection)
         ownership.sign(collection, collection.name)
-    actions, root = TakeActions(collection.name), ensure_root(collection, take.name)
+    actions, root = TakeActions(collection.name), ensure_root(scene, collection, take.name)
     names = take.markerset.markers
     motion, unfit = put_fills(take.motion, names, take.fills)
     if take.cutoff is not None:
@@ -217,6 +217,18 @@ def _alike(one: np.ndarray, other: np.ndarray) -> bool:
 def takes_of(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """The collections of a scene that hold a take."""
     return [collection for collection in scene.collection.children_recursive if is_take(collection)]
+
+
+def adopt_copies():
+    """Makes what takes show the add-on's own in scenes that were copied in full, too."""
+    for scene in bpy.data.scenes:
+        here = takes_of(scene)
+        for take in here:
+            made = take.get(ownership.MADE)
+            if any(
+                one.get(ownership.MADE) == made and is_take(one) and one not in here for one in bpy.data.collections
+            ):
+                ownership.adopt_copy(scene, take)
 
 
 def is_take(collection: bpy.types.Collection | None) -> bool:

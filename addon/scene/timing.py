@@ -16,6 +16,7 @@ FRAME_TABLE = "mocap_frames"  # on a take: the table of its frames
 CARRIER = "mocap_carrier"  # on a take that plays from a file: the object with the modifier
 RATE, SHIFT, STEP = "mocap_rate", "mocap_frame_shift", "mocap_step"
 OWN_FIRST, OWN_LAST = "mocap_first_frame", "mocap_last_frame"
+GIVEN_START = "mocap_given_start"  # on a scene: the first frame that it plays, where that was given to it
 PICKED_RANGE = "mocap_range"  # on a scene: first and last frame of a take that were made its preview range
 
 
@@ -34,7 +35,12 @@ def kept_clock(block: bpy.types.ID, first: int) -> TakeClock:
 
 
 def is_free(scene: bpy.types.Scene) -> bool:
-    """Whether nothing of a person's goes by the scene's time: no action, no strip, and no rig that waits for one."""
+    """Whether nothing of a person's goes by the scene's time: no action, no strip, and no rig that waits for one.
+
+    Nor was it said when that begins, as where shots begin at 1001.
+    """
+    if scene.frame_start not in (1, scene.get(GIVEN_START)):
+        return False
     if scene.sequence_editor is not None and len(scene.sequence_editor.strips_all):
         return False
     if any(item.type == "ARMATURE" and not {ownership.MADE, SCALE} & set(item.keys()) for item in scene.objects):
@@ -69,8 +75,14 @@ def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> list[st
     scene.render.fps_base = scene.render.fps / rate
     left = follow_rate(scene)
     if len(frames):
-        scene.frame_start, scene.frame_end = int(frames[0]), int(frames[-1])
+        give_range(scene, int(frames[0]), int(frames[-1]))
     return left
+
+
+def give_range(scene: bpy.types.Scene, first: int, last: int):
+    """Makes the scene play Blender's frames `first` to `last`, which no person said then."""
+    scene.frame_start, scene.frame_end = first, last
+    scene[GIVEN_START] = scene.frame_start
 
 
 def is_timed_otherwise(scene: bpy.types.Scene, block: bpy.types.ID) -> bool:
@@ -123,7 +135,7 @@ def _moves_by(item: bpy.types.Object, takes: Sequence[bpy.types.Collection]) -> 
 def _follow_ranges(scene: bpy.types.Scene, before: TakeClock, now: TakeClock, ends: tuple[int, int], preview: bool):
     """Lets the scene play the same frames of a take where those were all of it, and preview the same of it."""
     if [scene.frame_start, scene.frame_end] == [before.whole(end) for end in ends]:
-        scene.frame_start, scene.frame_end = map(now.whole, ends)
+        give_range(scene, *map(now.whole, ends))
     begin, end = picked_range(scene, before) if preview else (0, -1)
     if max(begin, ends[0]) <= min(end, ends[1]):
         pick_range(scene, now, begin, end)

@@ -4,6 +4,7 @@
 import bpy
 import numpy as np
 
+from ..core.data.takes import Suspect
 from ..core.review.suspects import runs
 from ..core.review.take_trouble import TakeTrouble
 from ..core.review.trouble import Trouble
@@ -61,9 +62,13 @@ def _looked_at(stored: Stored, collection: bpy.types.Collection, scene: bpy.type
         return ()
     looking = TakeTrouble(stored.names, stored.rate, stored.edits, stored.cameras, stored.words)
     looking.add(stored.rows, stored.labels, stored.motion)
-    answered = ()
-    if kept_text(collection) is not None:
-        left = {(one.words, one.trajectory) for one in stored.suspects}
-        all_of_it = opened.unedited(collection, scene).suspects
-        answered = tuple(one for one in all_of_it if (one.words, one.trajectory) not in left)
-    return looking.found(stored.suspects, answered)
+    return looking.found(stored.suspects, answered_doubts(collection, scene))
+
+
+def answered_doubts(collection: bpy.types.Collection, scene: bpy.types.Scene) -> tuple[Suspect, ...]:
+    """What the program doubted of a take and a person answered."""
+    if kept_text(collection) is None:
+        return ()
+    left = {(one.words, one.trajectory) for one in opened.take(collection, scene).suspects}
+    all_of_it = opened.unedited(collection, scene).suspects
+    return tuple(one for one in all_of_it if (one.words, one.trajectory) not in left)

@@ -19,7 +19,7 @@ from ..scene.later import never
 from ..scene.opened import opened
 from ..scene.retargeting import follow_actions
 from ..scene.rig_preview import follow_rigs
-from ..scene.take import takes_of
+from ..scene.take import adopt_copies, takes_of
 from ..scene.timing import RATE
 from . import advanced, figure, graph, label_tool, live, overlay, panels, quality, review, timeline
 
@@ -73,7 +73,8 @@ def follow_hand():
 
 
 def after_switch():
-    """A window shows another scene: what is picked and the tables were of the last one's take."""
+    """A window shows another scene, maybe a new copy: what is picked and the tables were of the last one's take."""
+    adopt_copies()
     bpy.context.window_manager.mocap_autolabel.picked.clear()
     review_now()
 

@@ -78,13 +78,13 @@ def draw_bones(canvas: Canvas, armature: bpy.types.Object, own: Colour | None):
     Of several performers each is drawn in their own colour, which the sides tinge.
     """
     bones = armature.pose.bones
-    world = np.array(armature.matrix_world, dtype=float)
     ends = np.empty((2, len(bones), 3), dtype=np.float32)
     for end, name in zip(ends, ("head", "tail"), strict=True):
         bones.foreach_get(name, flat := np.empty(end.size, dtype=np.float32))
         end[:] = flat.reshape(-1, 3)
-    ends = ends.swapaxes(0, 1) @ world[:3, :3].T + world[:3, 3]
-    draw_lines(canvas, ends, *_bone_colours(armature, own))
+    in_world, canvas.perspective = canvas.perspective, canvas.perspective @ np.array(armature.matrix_world)
+    draw_lines(canvas, ends.swapaxes(0, 1).astype(float), *_bone_colours(armature, own))
+    canvas.perspective = in_world
 
 
 def draw_lines(canvas: Canvas, ends: np.ndarray, colours: np.ndarray, above: np.ndarray):

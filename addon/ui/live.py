@@ -7,6 +7,7 @@ import numpy as np
 from ..ops.live import going_on, how_it_ended
 from ..props import colours_asked
 from ..scene.performers import usual_colour
+from ..scene.units import enlarged, metre_in
 from .figure import bone_colours, draw_lines
 from .marks import GREY, ORANGE
 from .overlay import BLOB_RADIUS, Canvas
@@ -49,6 +50,7 @@ def draw():
     if stream is None or not display.show_overlay or not context.space_data.overlay.show_overlays:
         return
     with Canvas(context) as canvas:
+        canvas.perspective = canvas.perspective @ enlarged(metre_in(context.scene))
         for number, one in enumerate(stream.performers):
             if display.show_figure and one.body is not None:
                 above = one.worn.skeleton.parents

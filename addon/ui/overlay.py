@@ -14,7 +14,7 @@ from ..core.data.wording import count_of
 from ..ops.importing import cameras_at_hand
 from ..ops.reposing import words_behind
 from ..scene.blob_dots import FrameRays, blob_dots
-from ..scene.cameras import camera_name, camera_through
+from ..scene.cameras import camera_name, camera_through, room_pose
 from ..scene.markerset_edit import edited_collection, marker_items
 from ..scene.opened import opened
 from ..scene.performers import colours_in, marker_colours
@@ -22,6 +22,7 @@ from ..scene.picking import to_region
 from ..scene.preview import holds_points
 from ..scene.roots import placed
 from ..scene.take import Stored, is_hidden, is_take
+from ..scene.units import enlarged, metre_of
 from . import marks
 from .boxes import Discs
 from .lettering import Letters, Word
@@ -72,9 +73,10 @@ def draw_frame(canvas: "Canvas", context: bpy.types.Context):
         return
     camera = camera_through(context.space_data, context.scene)
     if camera is not None and camera_name(camera) in stored.cameras.names:
+        canvas.perspective = canvas.perspective @ enlarged(metre_of(camera))
         draw_camera(canvas, stored, index, camera, settings)
         return
-    canvas.perspective = canvas.perspective @ placed(collection)
+    canvas.perspective = canvas.perspective @ placed(collection or settings.source.preview)
     if isinstance(stored.rows, Blobs):
         rays = settings.display.show_rays
         # Until there are markers to see, but not while it plays: this takes longer than a frame lasts.
@@ -201,7 +203,7 @@ def covered(area: bpy.types.Area, region: bpy.types.Region, by: Sequence[str] = 
 def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Object, settings):
     """The view through one camera, as in the paper's figures 1, 4, 5 and 6."""
     number = stored.cameras.names.index(camera_name(camera))
-    seen = blob_dots(stored, index, number, np.array(camera.matrix_world.normalized(), dtype=float))
+    seen = blob_dots(stored, index, number, room_pose(camera))
     step, named = stored.labels.step[seen.trajectory], np.flatnonzero(seen.marker != NO_MARKER)
     canvas.rings(canvas.place(stored.motion.expected[index]), RING_COLOUR, RING_RADIUS)
     if settings.display.show_links:

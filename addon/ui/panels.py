@@ -23,9 +23,23 @@ from ..scene.rig_preview import is_left_behind
 from ..scene.take import is_take, takes_of
 from ..scene.timing import RATE, is_timed_otherwise
 from .advanced import draw_folder
-from .parts import DrawsRows, draw_choice, draw_operators, draw_performers, draw_text, fold, panel, shows
+from .parts import (
+    DrawsRows,
+    draw_choice,
+    draw_operators,
+    draw_performers,
+    draw_text,
+    fold,
+    letters_across,
+    panel,
+    shows,
+)
 
 FORMATS = "3D points, blobs with their calibration, a .qtm or pictures"
+PART_WIDTH = (
+    0.35  # of the sidebar's, for a part of the body beside its bone; where both have no room they are in two rows
+)
+FIELD_ICONS = 6  # letters that the icons in the field of a bone take
 TEACH = "To teach a marker set of your own, open a take of it that has names, such as a standing trial"
 
 
@@ -272,7 +286,10 @@ def _draw_rig(context: bpy.types.Context, layout: bpy.types.UILayout, rig: bpy.t
     if body:
         draw_operators(body.row(align=True), "match_bones", "read_bone_map")
         column = body.column(align=True)
+        letters = letters_across(context)
         for row in own.bones:
-            split = column.split(factor=0.35, align=True)
-            split.label(text=row.name[:1].upper() + row.name[1:].replace("_", " "))
-            split.prop_search(row, "bone", rig.data, "bones", text="")
+            words = row.name[:1].upper() + row.name[1:].replace("_", " ")
+            fits = len(words) <= PART_WIDTH * letters and len(row.bone) + FIELD_ICONS <= (1 - PART_WIDTH) * letters
+            pair = column.split(factor=PART_WIDTH, align=True) if fits else column
+            pair.label(text=words)
+            pair.prop_search(row, "bone", rig.data, "bones", text="")

@@ -71,12 +71,16 @@ def draw_list(layout: bpy.types.UILayout, owner: bpy.types.PropertyGroup, name: 
     layout.template_list(kind, name, owner, name, owner, index, rows=rows, maxrows=max(2 * rows, 8))
 
 
+def letters_across(context: bpy.types.Context) -> float:
+    """How many letters the sidebar's width takes."""
+    return (context.region.width / context.preferences.system.ui_scale - MARGIN) / LETTER
+
+
 def draw_text(context: bpy.types.Context, layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
     """A sentence on as many lines as the sidebar's width takes."""
-    width = context.region.width / context.preferences.system.ui_scale
     column = layout.column(align=True)
     column.scale_y = 0.75
-    for number, line in enumerate(textwrap.wrap(words, max(int((width - MARGIN) / LETTER), 12))):
+    for number, line in enumerate(textwrap.wrap(words, max(int(letters_across(context)), 12))):
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 

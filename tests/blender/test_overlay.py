@@ -149,7 +149,7 @@ def test_sides_are_told_apart_by_people_who_see_few_colours(extension):
 
 def previewed(take, *cameras: int):
     """The blobs of a take as they are seen before it is labelled, in all cameras or some."""
-    mesh = store_preview("walk", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames))
+    mesh = store_preview(bpy.context.scene, "walk", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames))
     return read_preview(mesh, take.cameras.select(list(cameras)) if cameras else take.cameras)
 
 

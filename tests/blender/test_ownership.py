@@ -17,10 +17,11 @@ from addon.scene.character import add_character, moving_in
 from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
-from tests.inputs.rigs import bones_of
+from tests.inputs.rigs import bones_of, mixamo
 
 from .conftest import write_walk_and_ghost
-from .hands import out_of_another_file, press, reopen, shown, stored_take
+from .hands import ours, out_of_another_file, press, reopen, session, shown, stored_take
+from .test_retarget import retargeted
 
 KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
 
@@ -448,3 +449,46 @@ def test_after_labelling_again_and_its_undo_the_take_at_hand_is_the_one_that_is_
     undone = stored_take().labels.marker
     assert len(undone) == count
     assert again.tolist() == undone[:2].tolist()[::-1]
+
+
+def test_another_take_is_the_active_one_after_one_was_removed(extension, empty, made):
+    scene, settings = empty.scene, empty.scene.mocap_autolabel
+    three = [takes.show_take(empty, made.take(name=name)) for name in ("other markers", "first", "second")]
+    three[0].hide_viewport, names = True, [one.name for one in three]
+    settings.take = three.pop()
+    for name in reversed(names[:2]):
+        press("clear")
+        assert settings.take.name == name and not settings.take.hide_viewport
+        assert settings.display.stage == "REVIEW" and len(session().markers) == 18
+    press("clear")
+    assert settings.take is None and takes.takes_of(scene) == []
+
+
+@pytest.mark.parametrize("how", ["switched", "labelled", "removed"])
+def test_in_a_full_copy_of_a_scene_a_take_has_one_body_and_the_original_stays(labelled, how):
+    first, settings = labelled.scene, labelled.scene.mocap_autolabel
+    own = settings.take
+    before = {item.name: (item.get(ownership.MADE), curves_in(item)) for item in own.all_objects}
+    shown()["C7"].scale = 3, 3, 3  # somebody's, in the copy as well
+    rig = mixamo()
+    kept = retargeted(rig)
+    bpy.ops.scene.new(type="FULL_COPY")
+    scene = labelled.window.scene
+    if how == "switched":
+        ours("ui").after_switch()
+        copy = next(item for item in takes.takes_of(scene)[0].all_objects if item.type == "ARMATURE").copy()
+        scene.collection.objects.link(copy)  # the copy of a copy, which is somebody's
+    press("clear" if how == "removed" else "label")
+    bodies = [item for item in scene.objects if item.type == "ARMATURE" and item.name != "rig.001"]
+    assert len(bodies) == {"switched": 2, "labelled": 1, "removed": 0}[how]
+    assert len([item for item in scene.objects if tuple(item.scale) == (3, 3, 3)]) == 1
+    assert len([item for item in scene.objects if "capsule" in item.name]) == (0 if how == "removed" else 15)
+    assert {item.name: (item.get(ownership.MADE), curves_in(item)) for item in own.all_objects} == before
+    assert rig.animation_data.action == kept and ours("scene.rig_preview").preview_on(rig, own) == kept
+    labelled.window.scene = first
+    press("clear")
+    assert not [item for item in first.objects if "capsule" in item.name]
+
+
+def curves_in(item) -> int:
+    return len(ownership.curves_of(item))

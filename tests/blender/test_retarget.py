@@ -4,6 +4,8 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -712,6 +714,51 @@ def test_until_it_is_baked_an_action_follows_choices_bones_and_corrections(shown
     bpy.context.view_layer.objects.active = rig
     refused("Press Retarget first", "bake_retarget")
     assert retargeted(rig) != action
+
+
+@pytest.mark.parametrize(("pixels", "longest"), [(280, 16), (560, 43)])
+def test_a_pair_of_names_that_has_no_room_in_a_row_has_two(shown, monkeypatch, pixels, longest):
+    rig, panels, layout, drawn = mixamo(), ours("ui.panels"), MagicMock(), MagicMock()
+    own = [SimpleNamespace(name=part, bone="b" * length) for length in (16, 17, 43, 44) for part in ("hand.L",)]
+    rig.mocap_autolabel.bones.clear()
+    monkeypatch.setattr(panels, "fold", lambda *_: drawn)
+    monkeypatch.setattr(panels, "is_left_behind", lambda *_: False)
+    pairs = SimpleNamespace(bones=own)
+    sidebar = SimpleNamespace(
+        region=SimpleNamespace(width=2 * pixels),
+        preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=2.0)),
+        scene=bpy.context.scene,
+    )
+    panels._draw_rig(
+        sidebar, layout, SimpleNamespace(name="rig", mocap_autolabel=pairs, animation_data=None, data=None)
+    )
+    column = drawn.column()
+    in_one = [call.args[0].bone for call in column.split().prop_search.mock_calls]
+    in_two = [call.args[0].bone for call in column.prop_search.mock_calls]
+    assert max(map(len, in_one)) == longest and sorted(map(len, in_one + in_two)) == [16, 17, 43, 44]
+    assert len(column.label.mock_calls) == len(in_two)
+
+
+def test_a_bone_that_is_chosen_no_more_is_posed_as_before(shown):
+    rig = mixamo()
+    hand, head = (rig.pose.bones[MIXAMO[part]] for part in ("hand.L", "head"))
+    for bone in (hand, head):
+        bone.rotation_mode, bone.rotation_euler = "XYZ", (0.1, 0.2, 0.3)
+    retargeted(rig)
+    own = rig.mocap_autolabel
+    bpy.context.scene.frame_set(120)
+    before = hand.rotation_euler.copy()
+    own.bones["hand.L"].bone = ""
+    assert before != hand.rotation_euler == Euler((0.1, 0.2, 0.3))
+    bpy.context.scene.frame_set(110)
+    assert hand.rotation_euler == Euler((0.1, 0.2, 0.3)) != head.rotation_euler
+    hand.rotation_euler = 0.4, 0.5, 0.6  # theirs by now
+    own.bones["thigh.R"].bone = ""  # without which nobody moves: the preview stays as it is
+    assert head.rotation_euler != Euler((0.1, 0.2, 0.3))
+    own.bones["thigh.R"].bone = MIXAMO["thigh.R"]
+    own.keep_feet = True
+    press("discard_retarget")
+    assert hand.rotation_euler == Euler((0.4, 0.5, 0.6)) and head.rotation_euler == Euler((0.1, 0.2, 0.3))
 
 
 def test_choices_work_with_the_settled_body_that_is_there_until_it_or_its_rest_is_another(shown, monkeypatch):

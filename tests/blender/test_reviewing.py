@@ -13,9 +13,11 @@ import pytest
 
 from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Suspect
+from addon.core.review.trouble import IN_DOUBT
 from addon.io.edits import read_edits
 from addon.props import list_rows
 from addon.scene import naming
+from addon.scene.relabelled import show_again
 from addon.scene.take import show_take
 
 from .conftest import label_walk, write_walk_and_ghost
@@ -91,6 +93,27 @@ def test_what_is_right_is_done_and_does_not_come_back(state):
     assert all(row.answered for _, row in rows(state, kind="left over"))
     press("clear_corrections")
     assert not any(row.answered for row in state.review.troubles)
+
+
+def test_what_was_answered_is_done_still_once_labelling_leaves_it_out(extension, empty, made):
+    settings, state, take = empty.scene.mocap_autolabel, session(), replace(made.take(), source="walk.csv")
+    settings.take = show_take(empty, take)
+    doubts = [one.reason for one in state.troubles if one.kind == IN_DOUBT]
+    assert len(doubts) == 2
+    number = next(at for at, one in enumerate(state.troubles) if one.reason == doubts[0])
+    press("accept_trouble", index=number)
+    left = [one for one in take.suspects if one.words not in doubts[0]]
+    assert len(left) == 1
+    for _ in range(2):
+        settings.take = show_again(empty, replace(take, suspects=tuple(left)), whole=True)
+        ours("scene.opened").opened.forget_read()
+        ours("props").refresh_review(empty.window_manager, empty.scene)
+        assert {one.reason: one.answered for one in state.troubles if one.kind == IN_DOUBT} == {
+            doubts[0]: True,
+            doubts[1]: False,
+        }
+    press("clear_corrections")
+    assert [one.answered for one in state.troubles if one.kind == IN_DOUBT] == [False, False], "it is asked again"
 
 
 def test_rings_are_only_around_what_the_list_asks_about(state):

@@ -16,6 +16,7 @@ import pytest
 from addon.core.data.takes import NO_MARKER
 from addon.core.geometry.force_plates import ForcePlate, LabRecords
 from addon.io.edits import read_edits
+from addon.io.markersets import open_markerset
 from addon.io.points import read_points
 from addon.scene import lab, storage
 from addon.scene.clock import TakeClock, plays_at, set_moment
@@ -25,10 +26,12 @@ from addon.scene.stored import Stored
 from addon.scene.take import show_take, takes_of
 from addon.scene.timing import follow_rate
 from scripts.keep_version import EARLIER
+from tests.inputs.rigs import mixamo
 
 from .conftest import label_walk, open_room, write_room, write_walk_and_ghost
 from .hands import FRAMES, GHOST, add_object, choose, keys_of, ours, press, reopen, session, shown, stored_take
 from .test_points import visible_points
+from .test_retarget import retargeted
 
 FPS = 24
 RATES = (100.0, 120.0, 12.5)
@@ -37,7 +40,7 @@ RATES = (100.0, 120.0, 12.5)
 @pytest.mark.parametrize("rate", [24.0, 25.0, 59.94, 100.0, 240.0, 10.0])
 def test_every_frame_is_found_again_in_the_moment_in_which_it_is_shown(rate):
     frames = np.arange(-3, 20_000)
-    clock = TakeClock.of(frames + 500, at_1=True).at_rate(FPS, rate)
+    clock = TakeClock.of(frames + 500, start=1).at_rate(FPS, rate)
     moments = clock.shown(frames + 497).astype(np.float32)  # as keys and properties keep them
     assert [clock.at(float(one)) for one in moments[::37]] == (frames + 497)[::37].tolist()
     assert clock.shown(clock.first) == 1
@@ -355,3 +358,46 @@ def test_what_waits_to_be_labelled_takes_the_range_along_and_keeps_the_rate_it_f
         del preview[key]
     ours("ui.panels")._draw_rates(SimpleNamespace(row=lambda align: row), scene, preview, 60.0)
     assert said == [f"The scene plays {FPS} Hz", "mocap_autolabel.play_as_take"], "a file older than mapping has none"
+
+
+def test_a_shot_keeps_its_frames_and_rate_and_what_begins_with_it_is_right(extension, empty, files, name_as, capfd):
+    scene, played = empty.scene, (FPS, 1001, 1100)
+    scene.render.fps, scene.frame_start, scene.frame_end = played
+    name_as(np.where(np.arange(GHOST + 1) == GHOST, NO_MARKER, np.arange(GHOST + 1)))
+    label_walk(files.folder)
+    assert "it is at frames 101–113, and the scene keeps its own, from 1001 on" in capfd.readouterr().out
+    assert (scene.render.fps, scene.frame_start, scene.frame_end, scene.frame_current) == (*played, 101)
+    press("export_c3d", filepath=files.folder / "at 101.c3d")
+    press("clear")
+    press("import_points", filepath=files.take, at_1=True)
+    press("label")
+    clock = stored_take().clock
+    assert (clock.first, clock.start, scene.frame_current, keys_of("C7")[0, 0]) == (101, 1001, 1001, 1001)
+    press("export_c3d", filepath=files.folder / "at 1001.c3d")
+    written = [(files.folder / f"at {start}.c3d").read_bytes() for start in (101, 1001)]
+    assert written[0] == written[1]
+    clock.go_to(scene, 115)
+    choose("C7")
+    press("unlabel", scope="FRAME")
+    press("label")
+    assert [edit.span for edit in stored_take().edits] == [(115, 115)]
+    assert (scene.render.fps, scene.frame_start, scene.frame_end) == played
+    press("play_as_take")
+    assert (scene.frame_start, scene.frame_end, stored_take().clock.step) == (1001, 1030, 1.0)
+    press("clear")
+    press("import_points", filepath=files.take)
+    assert (scene.frame_start, scene.frame_end) == (101, 130), "what the button gave it is no person's any more"
+
+
+def test_in_a_shot_events_and_rigs_go_with_the_take(empty, made, extension):
+    scene = empty.scene
+    scene.frame_start, scene.frame_end = 1001, 1100
+    take = replace(made.take(24, markerset=open_markerset("body26")), rate=float(FPS), clock=TakeClock(101, 1001))
+    scene.mocap_autolabel.take = show_take(
+        empty, replace(take, lab=LabRecords(events=(("Foot Strike", 107.0),), first=101))
+    )
+    assert [one.frame for one in scene.timeline_markers] == [1007]
+    rig = mixamo()
+    action = retargeted(rig)
+    assert tuple(action.frame_range) == (1001, 1024)
+    assert (scene.frame_start, scene.frame_end) == (1001, 1100)

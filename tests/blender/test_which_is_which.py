@@ -83,7 +83,7 @@ def test_one_blob_names_both_in_the_whole_take_also_by_command(labelled, files, 
     assert [row.answered for row in asked()] == [True]
     press("label")
     assert named_right(files) == [1, 1]
-    assert [row for row in asked() if row.kind != OFF_BODY] == []
+    assert [row.answered for row in asked() if row.kind != OFF_BODY] == [True]
     press("save_corrections")
     press("export_labels", filepath=tmp_path / "walk.labels.csv")
     jobs = ours("jobs")

@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import Points
+from addon.core.points.models import Model
 from addon.demo.take import MODEL
 from addon.io import markersets
-from addon.io.points import read_points, write_c3d, write_trc
+from addon.io.c3d.writing import names_in_c3d
+from addon.io.models import open_model, write_model
+from addon.io.points import columns_of_set, read_points, write_c3d, write_trc
 
 from .conftest import report_of, rows_of
 
@@ -201,6 +204,23 @@ def test_a_name_that_no_c3d_can_hold_is_told(run, holed, tmp_path):
     said = run("fill", tmp_path / "long.trc", "--out", tmp_path / "full.c3d").done().out
     assert "no .c3d can hold 1 name: c3d_names of the report has others" in said
     assert report_of(tmp_path / "full.c3d")["c3d_names"] == {names[0]: names[0][:255]}
+
+
+@pytest.mark.parametrize("owner", ["", "ann:"])
+def test_a_model_s_markers_are_found_by_what_a_c3d_has_of_their_names(run, holed, tmp_path, owner):
+    worn = open_model(MODEL).markerset
+    called = {name: f"{name} {'x' * 260}" for name in worn.markers[:-2]} | {name: name for name in worn.markers[-2:]}
+    own = replace(worn, markers=tuple(called.values()), aliases={})
+    write_model(tmp_path / "long.markerset.json", Model(own))
+    take = read_points(holed / "walk.trc")
+    names = tuple(owner + called[name] if name in called else "" for name in take.names)
+    write_c3d(tmp_path / "long.c3d", replace(take, names=names))
+    words = "--model", tmp_path / "long.markerset.json", "--method", "body"
+    said = run("fill", tmp_path / "long.c3d", "--out", tmp_path / "full.c3d", *words, "--json").done().json
+    assert {row["method"] for row in said["filled"]} == {"body"}
+    alike = [f"{'x' * 260}{name}" for name in worn.markers]
+    columns = columns_of_set(names_in_c3d(alike), replace(worn, markers=tuple(alike), aliases={}))
+    assert (columns == -1).all(), "in another order another's beginning would be the same"
 
 
 def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, tmp_path):

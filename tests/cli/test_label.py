@@ -244,9 +244,11 @@ def test_a_model_names_only_in_the_ways_that_it_knows(run, room, name_points, ba
 
 def test_what_makes_no_difference_to_points_is_said(trained, name_points, tmp_path):
     words = ("--rate", "60", "--height", "1.7", "--facing", "0", "--cameras", tmp_path / "no.toml")
+    words += "--occlusion", "capsules"
     assert name_points(*words, model=trained).done().err.splitlines() == [
         "mocap-autolabel: --rate is not looked at for 3D points whose files say their own rate",
         "mocap-autolabel: --cameras is not looked at for 3D points, which need no calibration",
+        "mocap-autolabel: --occlusion is not looked at for 3D points: it is of what cameras see",
         "mocap-autolabel: --height and --facing are not looked at for 3D points: that is for blobs and --method fit",
     ]
     assert report_of(tmp_path / "out" / "anon.c3d")["rate"] == pytest.approx(59.94, abs=0.1)

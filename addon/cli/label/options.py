@@ -238,10 +238,10 @@ def edited_beside(arguments) -> list[str]:
     return [f"{path}: the edits of {edits.name} beside it are applied" for path, edits in found if edits is not None]
 
 
-def unused(arguments, kinds: set[bool]) -> list[str]:
+def unused(arguments, kinds: set[bool], occlusion: str) -> list[str]:
     """What is given and makes no difference to some of the takes, a sentence each; they are labelled all the same.
 
-    `kinds` is whether they are of points.
+    `kinds` is whether they are of points, `occlusion` what was given of that.
     """
     notes = []
     if arguments.scheduler is not None and arguments.jobs > 1:
@@ -250,6 +250,8 @@ def unused(arguments, kinds: set[bool]) -> list[str]:
         notes.append("--rate is not looked at for 3D points whose files say their own rate")
     if arguments.cameras is not None and True in kinds:
         notes.append("--cameras is not looked at for 3D points, which need no calibration")
+    if occlusion != OCCLUSIONS[0] and True in kinds:
+        notes.append("--occlusion is not looked at for 3D points: it is of what cameras see")
     if arguments.mirror and False in kinds:
         notes.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]

@@ -31,10 +31,10 @@ def run(arguments) -> int:
     # Of processes side by side one has made the folder, and others may still be in it when that one ends.
     with none_left_empty(arguments.out), _runner(arguments) as runner:
         # Once for all takes and processes: the first may bring Blender in.
-        arguments.occlusion = occlusion_here(arguments.occlusion)
+        asked, arguments.occlusion = arguments.occlusion, occlusion_here(arguments.occlusion)
         kinds = check(arguments)
         take_away_scratch()
-        for words in (*unused(arguments, kinds), *edited_beside(arguments)):
+        for words in (*unused(arguments, kinds, asked), *edited_beside(arguments)):
             complain(words)
         return _run(Batch(arguments), runner)
 
