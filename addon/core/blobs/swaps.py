@@ -12,6 +12,7 @@ import numpy as np
 from ..geometry.rigid import pairwise_distances
 from ..papers.virtual_occlusions.fit import State, fit_body
 from ..papers.virtual_occlusions.labelling import Naming, doubles
+from ..posing.posing import POSING
 from .subject import Setup, Subject, refit, slots_pull
 
 
@@ -43,8 +44,8 @@ def try_swaps(naming: Naming, subject: Subject, state: State, setup: Setup, prio
     says which exchanges are worth a whole fit.
     """
     orders, slots = _exchanges(naming, state, setup)
-    if not len(orders):
-        return Swaps(orders, np.zeros(0))
+    if not len(orders) or (slots[0] >= 0).any(axis=0).sum() < POSING.min_markers:  # fewer hold no body
+        return Swaps(orders[:0], np.zeros(0))
     worth = np.argsort(_first_steps(naming, slots, subject, state, setup, prior))[:MAX_FITS]
     return Swaps(orders[worth], _losses(naming, slots[np.append(0, 1 + worth)], subject, setup, prior))
 

@@ -109,7 +109,7 @@ class SubjectsInImages:
         subject = np.repeat(np.arange(len(each)), [one.markers.shape[1] for one in each])
         checked = given.kept(self._borne_out(blobs, given, motion, hidden, subject))
 
-        labels, alone = fitted.read(blobs, checked)
+        labels, alone = self._read(index, blobs, checked, fitted)
         there = np.isfinite(motion.markers).all(axis=2)
         meeting = labels.kept(self._meeting(blobs, checked, labels, motion))
         motion = measured_again(motion, blobs, given, meeting, self.cameras, there)
@@ -124,6 +124,17 @@ class SubjectsInImages:
             unedited = unedited.kept(unedited.marker < len(self.worn))
         labels = labels.kept(labels.marker < len(self.worn))
         return labels, measured_of_first(motion, each[: len(self.worn.subjects)]), unedited
+
+    def _read(self, index: int, blobs: Blobs, checked: Labels, fitted: FollowedSubjects) -> tuple[Labels, Labels]:
+        """What bodies say of a chunk, but for the blobs of whoever is there of whom it cannot be told who it is."""
+        free = np.ones(len(blobs), bool)
+        free[self.points.rows_of(index, self.labelled.left)] = False
+        rows = np.flatnonzero(free | checked.named)
+        own = blobs.part(slice(0, len(blobs.frames)), rows)
+        whole = Labels.none(len(blobs)), Labels.none(len(blobs))
+        for labels, read in zip(whole, fitted.read(own, checked[rows]), strict=True):
+            labels.put(rows, read)
+        return whole
 
     def _meeting(self, blobs: Blobs, before: Labels, labels: Labels, motion: Motion) -> np.ndarray:
         """(N,) True for the labels whose rays are their markers'; a blob of two markers, named anew, is beside both."""

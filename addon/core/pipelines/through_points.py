@@ -95,6 +95,12 @@ class PointsOfBlobs:
         )
         return found
 
+    def rows_of(self, index: int, points: np.ndarray) -> np.ndarray:
+        """(K,) the blobs of a chunk that make some of the points (T, L) of the take."""
+        rows, lane = self._lasting(self.parts[index])
+        blobs = rows["blobs"][points[rows["frame"], lane]]
+        return blobs[blobs >= 0]
+
     def _lasting(self, part: PointsOfChunk) -> tuple[np.ndarray, np.ndarray]:
         """The points of a chunk that are in the take, and their lanes."""
         rows = part.rows[:]

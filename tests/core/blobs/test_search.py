@@ -260,6 +260,15 @@ def test_swapped_neighbours_get_their_names_back(names):
     assert swaps.loss.min() >= 0, (swaps.orders[swaps.loss < 0], swaps.loss.min())
 
 
+def test_of_too_few_markers_for_a_body_nothing_is_exchanged():
+    scene, setup, found = case()
+    naming = true_naming(scene, found)
+    camera, marker = np.nonzero(naming.slot >= 0)
+    naming.withdraw(camera[1:], marker[1:])
+    subject, state, prior = fitted(scene, setup, found, naming)
+    assert not len(settle(naming, subject, state, setup, prior).orders)
+
+
 def test_neighbours_of_a_marker_that_was_never_put_on_get_their_names_back():
     """One of the head's four is not there; another has its name, and a single blob of a third is named as that one."""
     scene, setup, found = case(rig=RING)

@@ -109,11 +109,29 @@ def costs_of(named: list, models: tuple[Model, ...]) -> list[float]:
     return [min((build.cost(other, varies) for build in builds), default=np.inf) for other in trained]
 
 
-def likeliest(ways: Sequence[tuple[int, ...]], cost: np.ndarray) -> tuple[tuple[int, ...], float]:
-    """The best of ways to give each of S one of K, by what that costs (S, K), and by how much it is ahead."""
-    order = sorted((float(sum(cost[given, one] for given, one in enumerate(way))), way) for way in ways)
-    lead = order[1][0] - order[0][0] if len(order) > 1 else np.inf
-    return order[0][1], lead if np.isfinite(order[0][0]) else -np.inf
+def likeliest(ways: Sequence[tuple[int, ...]], cost: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+    """The best of ways to give each of S one of K, by what that costs (S, K); and how far ahead that is of each, (S,).
+
+    -inf where no way can be; of one the lead is over all ways that give it another.
+    """
+    given = np.array(ways)
+    total = cost[np.arange(given.shape[1]), given].sum(axis=1)
+    best = total.argmin()
+    if not np.isfinite(total[best]):
+        return ways[best], np.full(given.shape[1], -np.inf)
+    other = np.where(given == given[best], np.inf, total[:, None])
+    return ways[best], other.min(axis=0) - total[best]
+
+
+def told(ways: Sequence[tuple[int, ...]], cost: np.ndarray, usual: float) -> tuple[int, ...]:
+    """Whose each of S presences is, of K people, by `likeliest`; NO_BODY for those of whom that is not clear.
+
+    Who cannot be compared with anybody, S or K, tells nothing by that: it costs as much as is `usual` of one person.
+    """
+    known = np.isfinite(cost)
+    compared = known.any(axis=1, keepdims=True) & known.any(axis=0)
+    way, lead = likeliest(ways, np.where(compared, cost, usual))
+    return tuple(np.where(lead >= IDENTIFICATION.lead, way, NO_BODY).tolist())
 
 
 def identified(cost: np.ndarray, kind: Sequence[int]) -> tuple[list[int], float]:
@@ -130,7 +148,7 @@ def identified(cost: np.ndarray, kind: Sequence[int]) -> tuple[list[int], float]
     if not ways:
         return list(range(subjects)), -np.inf
     way, lead = likeliest(ways, cost.T)
-    return list(way), lead
+    return list(way), float(lead.min())
 
 
 def spans_of(tracklet: np.ndarray, body: np.ndarray, count: int) -> np.ndarray:

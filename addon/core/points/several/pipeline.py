@@ -5,7 +5,7 @@ What may be on two bodies is offered to both, and whoever is surer of it keeps i
 solves a take of one, from the tracklets that may be theirs. Bodies that nobody asked for stay unnamed.
 """
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from time import perf_counter
@@ -17,7 +17,7 @@ from ...data.errors import JobError
 from ...data.made import Made
 from ...data.physical import MARKER_LIMITS
 from ...data.progress import Progress, Stage, within
-from ...data.takes import Labels, Points, Suspect
+from ...data.takes import Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import unanswered, without_accepted
@@ -34,9 +34,9 @@ from .identification import (
     UnidentifiedPresence,
     costs_of,
     identified,
-    likeliest,
     share,
     spans_of,
+    told,
     ways_of,
 )
 from .parting import NO_BODY, PartedBodies, along_the_line, count_bodies, parted
@@ -82,10 +82,13 @@ def label_several(
         if options.edits:
             work = with_edits(crowd, found, options.edits)
             words = "solve the take again with the edits"
-            unedited, applied, verdict = yield from within(work, 0.9, 0.92, words)
+            unedited, applied, verdict = yield from within(work, 0.9, 0.92, words, _spans(0.9, 0.92))
         labels, worn = verdict.labels, found.worn
-        suspects = verdict.suspects + _questions(crowd, found, labels)
-        del crowd, found  # a long take's are large
+        unidentified = [one for one in found.unidentified if one.is_open(crowd.tracklet, labels)]
+        suspects = verdict.suspects + _questions(crowd, found, unidentified)
+        nobodys = [one.tracklets for one in unidentified]
+        left = crowd.tracklets_of(np.any([*nobodys, np.zeros(len(crowd), bool)], axis=0)) >= 0
+        del crowd, found, unidentified  # a long take's are large
         seconds = {"label": perf_counter() - begin}
         yield Progress(0.92, "pose the bodies")
         bodies, places = worn.finer if options.finer else worn, applied.places if applied else {}
@@ -96,20 +99,20 @@ def label_several(
         suspects = unanswered(as_in_file(suspects + doubts, take), options.edits, worn.by_name)
         suspects = without_accepted(summarised(suspects, take.rate), options.edits)
         outcomes = applied.outcomes if applied else ()
-        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
+        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn, left)
 
 
-def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:
-    """Who it may be who is there without names, where labels (T, L) are the take's in the end."""
-    presences = [presence.there for presence in found.unidentified if presence.is_open(crowd.tracklet, labels)]
-    if not presences:
+def _questions(crowd: Crowd, found: Everybody, unidentified: Sequence[UnidentifiedPresence]) -> tuple[Suspect, ...]:
+    """Who it may be who is there without names."""
+    if not unidentified:
         return ()
     people = [one.name for one in found.worn.asked.subjects if not is_prop(one.model)]
     if len(found.worn.asked.subjects) < len(found.worn.subjects):
         people.append("somebody else")
     words = f"somebody here is left without names, who may be {' or '.join(people)}"
     most = round(MOMENT_S * crowd.take.rate)
-    return tuple(suspect_ranges(crowd.take.frames, np.any(presences, axis=0), words, most))
+    there = np.any([one.there for one in unidentified], axis=0)
+    return tuple(suspect_ranges(crowd.take.frames, there, words, most))
 
 
 def everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None, Everybody]:
@@ -193,17 +196,15 @@ class _Parties:
             return presences, ()
         there = spans_of(self.crowd.tracklet, presences.body, every)
         ways = ways_of(there, count)
-        way, lead = (ways[0], np.inf) if len(ways) == 1 else ((), -np.inf)
-        unidentified: tuple[UnidentifiedPresence, ...] = ()
-        if len(ways) > 1:
+        if len(ways) == 1:
+            return presences.joined(np.array([*range(count), *ways[0]]), count), ()
+        later, way = range(count, every), (NO_BODY,) * (every - count)
+        if ways:
             builds = yield from self._builds(presences, refuse)
-            first, further = builds[:count], builds[count:]
-            cost = [[_unlike(build, one) for one in first] for build in further]
-            way, lead = likeliest(ways, np.array(cost))
-        if lead < IDENTIFICATION.lead:
-            way = (NO_BODY,) * (every - count)
-            later = range(count, every)
-            unidentified = tuple(UnidentifiedPresence(there[:, one], presences.body == one) for one in later)
+            cost = [[_unlike(builds[one], other) for other in builds[:count]] for one in later]
+            way = told(ways, np.array(cost), self._smallest / 2)
+        open_ones = [one for one, given in zip(later, way, strict=True) if given == NO_BODY]
+        unidentified = tuple(UnidentifiedPresence(there[:, one], presences.body == one) for one in open_ones)
         return presences.joined(np.array([*range(count), *way]), count), unidentified
 
     def _builds(self, presences: PartedBodies, refuse: Refuse) -> Generator[Progress, None, list[list[PersonBuild]]]:

@@ -34,10 +34,19 @@ from ..motion import (
     posed_as,
     take_motion,
 )
-from ..whole_take.pipeline import PointOptions, Steps, decided_of, refuse_solved, solution_for, without_deleted
+from ..whole_take.pipeline import (
+    PointOptions,
+    Steps,
+    decided_of,
+    name_frames,
+    refuse_solved,
+    solution_for,
+    without_deleted,
+)
 from ..whole_take.rulings import Rulings
-from .bodies import Crowd, NamedBody, OnlyWhere
-from .identification import UnidentifiedPresence, doubt_contested
+from .bodies import Crowd, NamedBody, OnlyWhere, recognised_before
+from .identification import MAX_OVERLAP, UnidentifiedPresence, doubt_contested
+from .parting import NO_BODY
 from .wearers import SetsWorn, Wearer
 
 
@@ -208,6 +217,7 @@ class LabelledSubjects(LabelledPoints):
 
     motion: SubjectsMotion
     worn: SetsWorn
+    left: np.ndarray  # (T, L) True for the points of who is left without names, as it may be several
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,20 +305,56 @@ def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[tuple[Labe
     cells = cells_of_take(crowd.take, found.worn.by_name, len(found.worn))
     before = found.verdict.labels
     first = apply_edits(before, edits, cells)
-    corrected = []
-    for one, place in zip(found.found, found.worn.firsts, strict=True):
+    corrected, given = [], _said_of_left(crowd, found, first.edited)
+    for one, place, more in zip(found.found, found.worn.firsts, given.T, strict=True):
         size = len(one.subject.model.markerset)
         own = edited_of(first.edited, place, size)
         # Whom an edit has left without a marker takes none that is another's.
         others = (before.marker != NO_MARKER) & ((before.marker < place) | (before.marker >= place + size))
-        may = one.may.copy()
+        may = one.may | more
         may[crowd.tracklet[others]] = False
-        corrected.append((yield from _Corrected.of(crowd, one.body, own, own_labels(before, place, size), may)))
+        body = (yield from _with_frames(crowd, one.body, more)) if more.any() else one.body
+        corrected.append((yield from _Corrected.of(crowd, body, own, own_labels(before, place, size), may)))
     doubt_contested([one.body for one in corrected], crowd.options)
     again = joined(found.worn, [one.verdict(crowd.options.target) for one in corrected])
     unedited = first.edited.below(before, again.labels)
     applied = replace(apply_edits(unedited, edits, cells), outcomes=first.outcomes)
     return unedited, applied, Verdict(applied.labels, again.suspects)
+
+
+def _with_frames(crowd: Crowd, one: NamedBody, more: np.ndarray) -> Steps[NamedBody]:
+    """The body with what frames say on their own of `more` tracklets (N,) that are found to be its."""
+    own = crowd.tracklets_of(more)
+    frames = yield from name_frames(crowd.points_of(more), own, one.model, crowd.options, recognised_before)
+    labels = one.frames.labels.whole().kept(own < 0)
+    labels.put(own >= 0, frames.labels.whole()[own >= 0])
+    return replace(one, frames=replace(one.frames, labels=labels))
+
+
+def _said_of_left(crowd: Crowd, found: Everybody, edited: Edited) -> np.ndarray:
+    """(N, S) the tracklets of those who were left without names that are each one's, as a person named some of them.
+
+    Whoever is there at the same time is somebody else, and so may have become known, too.
+    """
+    worn, left = found.worn, list(found.unidentified)
+    whose = np.repeat(np.arange(len(worn.subjects)), [len(one.model.markerset) for one in worn.subjects])
+    given = np.zeros((len(crowd), len(worn.subjects)), bool)
+    named = np.append(whose, NO_BODY)[found.verdict.labels.marker]
+    there = np.stack([(named == one).any(axis=1) for one in range(len(worn.subjects))], axis=1) if left else given
+    while left:
+        for one in left:
+            own = edited.named & np.append(one.tracklets, False)[crowd.tracklet]
+            may = np.unique(whose[edited.labels.marker[own]])
+            if not len(may):
+                may = np.flatnonzero(there[one.there].mean(axis=0) <= MAX_OVERLAP)
+            if len(may) == 1:
+                given[one.tracklets, may] = True
+                there[one.there, may] = True
+                left.remove(one)
+                break
+        else:
+            break
+    return given
 
 
 @dataclass(frozen=True, eq=False)

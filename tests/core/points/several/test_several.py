@@ -13,6 +13,7 @@ from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points
+from addon.core.edits.kinds import AssignPoint, Edits
 from addon.core.geometry.rotations import rotation_vector, turn_of
 from addon.core.geometry.upright import turned
 from addon.core.points.motion import motion_of
@@ -197,8 +198,13 @@ def absent(whole: np.ndarray, first: int, after: int, elsewhere: float = 0.0) ->
     [
         [person(1, 1, 0.0), absent(person(2, -1, 0.6), 30, 70, -2.5)],
         [absent(person(1, 1, 0.0), 35, 65, 0.8), absent(person(2, -1, 0.8), 35, 65, -0.8)],
+        [absent(person(1, 1, 0.0), 35, 65, 0.8), absent(absent(person(2, -1, 0.8), 35, 65, -0.8), 86, 96)],
     ],
-    ids=["one leaves", "both leave, and come back in each other's lane"],
+    ids=[
+        "one leaves",
+        "both leave, and come back in each other's lane",
+        "one of them again, and too shortly to compare",
+    ],
 )
 def test_who_comes_back_is_who_left(people):
     take, truth = shown(people)
@@ -215,6 +221,14 @@ def test_who_comes_back_and_may_be_either_is_asked():
     (asked,) = [one for one in found.suspects if "who may be 1 or 2" in one.words]
     assert not named[asked.first - 1 : asked.last].any(), "nobody has a name where it is asked who they are"
     assert asked.frames == 35 and named.sum() == 35
+
+    there = take.present[~named].any(axis=0)
+    shift = int((found.labels.marker - truth)[found.labels.named][0]) % 30
+    point = int(np.flatnonzero(there)[0])
+    answer = AssignPoint(point, found.worn.markers[(truth[point] + shift) % 30])
+    answered = labelled(take, 2, edits=Edits((answer,)))
+    assert right_of(answered, truth, take) > 0.95, "who the other is follows"
+    assert not [one for one in answered.suspects if "who may be" in one.words]
 
 
 @pytest.mark.parametrize("tables", [0, 3, 6])
