@@ -252,7 +252,7 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
         if _there(marker, len(model.markerset)).mean() < 1 - _may_lack(model, WORN.max_unfound):
             return None  # a search takes longest where a set is another
         solution = solution if solution.crowd else None  # in which there is no search
-    solution, verdict = yield from as_a_whole(frames, replace(options, force=True), solution)
+    solution, verdict = yield from as_a_whole(frames, options, solution)
     refused = True
     with suppress(JobError):
         refuse_solved(frames, solution, verdict.labels)

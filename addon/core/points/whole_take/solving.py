@@ -58,6 +58,7 @@ def solve_take(
     occupied: int | None = None,
     search: Moves = "all",
     shown: np.ndarray | None = None,
+    sure: bool = True,
 ) -> Generator[float, None, Solution]:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
@@ -65,7 +66,8 @@ def solve_take(
     Yields the share that is done. `rulings` is what a person said, whose tracklets these are: it begins with what the
     take was solved to without them. `occupied` is in how many frames the subject may be, all of them without it.
     `search` says which moves are tried on what has spread. `shown` (K, M, 3) m is where the subject's markers were in
-    other frames, NaN where one was not: their distances are known by that.
+    other frames, NaN where one was not: their distances are known by that. Frames that are not `sure` on their own
+    know no crowd by the shape alone.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     del tracklet  # a long take's is large
@@ -73,7 +75,7 @@ def solve_take(
     if rulings is not None:
         tracklets = rulings.of(tracklets)
         begun = rulings.begun(tracklets)
-    solving = _Solving(points, tracklets, named, model, rate, begun)
+    solving = _Solving(points, tracklets, named, model, rate, begun, sure)
     if shown is not None:
         solving.objective.known = in_take(solving.objective.known, shown)
     if occupied is not None:
@@ -89,10 +91,17 @@ class _Solving:
     """A take on its way to a solution: `marker` (N,) is what is believed so far, extras after the model's own."""
 
     def __init__(
-        self, points: Table, tracklets: Tracklets, named: FrameLabels, model: Model, rate: float, begun: np.ndarray
+        self,
+        points: Table,
+        tracklets: Tracklets,
+        named: FrameLabels,
+        model: Model,
+        rate: float,
+        begun: np.ndarray,
+        sure: bool,
     ):
         self.tracklets, self.marker, self.markers = tracklets, begun, len(model.markerset)
-        self.crowd = is_crowd(tracklets, self.markers, rate)
+        self.crowd = sure and is_crowd(tracklets, self.markers, rate)
         self.objective = Objective(points, tracklets, named, model, rate)
         self.best = self.margin = self.odds = np.zeros(0)
 

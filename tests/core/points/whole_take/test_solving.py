@@ -227,6 +227,20 @@ def test_what_had_the_name_of_an_extra_that_takes_it_may_be_nothing(model, marke
     assert {int(one[truth == toe][0]) for one in tried} == {NO_MARKER, extra}
 
 
+def test_what_another_solution_names_otherwise_is_not_sure_but_what_a_person_named(model, markers):
+    points, whose = pieces(markers, hidden=0)
+    solution = solved_of(model, points, said(points, whose, True))
+    one, other = (model.markerset.index(name) for name in LEFT_WRIST)
+    turned = replace(solution, marker=exchanged(model, *LEFT_WRIST)[solution.marker])
+    assert (solution.margin > 0).all()
+    assert ((solution.doubted(turned).margin == 0) == np.isin(solution.marker, (one, other))).all()
+    held = np.where(solution.marker == one, one, NO_MARKER)
+    sure = replace(solution, tracklets=replace(solution.tracklets, held=held)).doubted(turned)
+    assert ((sure.margin == 0) == (solution.marker == other)).all()
+    gone = replace(solution, marker=np.where(solution.marker == one, NO_MARKER, solution.marker))
+    assert (solution.doubted(gone).margin == solution.margin).all(), "it is nowhere by the other"
+
+
 def test_what_has_the_name_of_one_that_is_seldom_there_changes_it_and_the_name_is_given_again_or_not(model, markers):
     one, other = (model.markerset.index(name) for name in LEFT_WRIST)
     hidden = markers.copy()
