@@ -387,7 +387,7 @@ def solution_for(
     if not frames.solvable:
         return None
     given = frames.take.xyz, tracklet, named, frames.model, frames.take.rate
-    return (yield from solve_take(*given, rulings, frames.occupied, frames.search, frames.shown, frames.sure))
+    return (yield from solve_take(*given, rulings, frames.occupied, frames.sure, frames.search, frames.shown))
 
 
 def decided_of(

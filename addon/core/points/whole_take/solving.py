@@ -56,18 +56,18 @@ def solve_take(
     rate: float,
     rulings: Rulings | None = None,
     occupied: int | None = None,
+    sure: bool = True,
     search: Moves = "all",
     shown: np.ndarray | None = None,
-    sure: bool = True,
 ) -> Generator[float, None, Solution]:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
     named is what frames say on their own, of which the likeliest names are begun with. The model has a likelihood.
     Yields the share that is done. `rulings` is what a person said, whose tracklets these are: it begins with what the
-    take was solved to without them. `occupied` is in how many frames the subject may be, all of them without it.
-    `search` says which moves are tried on what has spread. `shown` (K, M, 3) m is where the subject's markers were in
-    other frames, NaN where one was not: their distances are known by that. Frames that are not `sure` on their own
-    know no crowd by the shape alone.
+    take was solved to without them. `occupied` is in how many frames the subject may be, all of them without it. Frames
+    that are not `sure` on their own know no crowd by the shape alone. `search` says which moves are tried on what has
+    spread. `shown` (K, M, 3) m is where the subject's markers were in other frames, NaN where one was not: their
+    distances are known by that.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     del tracklet  # a long take's is large
