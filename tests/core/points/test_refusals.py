@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,8 +24,9 @@ from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.tracklets import cut
 from addon.core.points.unordered import is_unordered, learn_subject
+from addon.core.points.whole_take import pipeline
 from addon.core.points.whole_take.mirrored import refuse_mirrored
-from addon.core.points.whole_take.pipeline import PointOptions, label_take
+from addon.core.points.whole_take.pipeline import NamedFrames, PointOptions, label_take
 from addon.core.simulation.virtual import Act
 from addon.core.training.segments import segment_markerset
 from addon.io.models import open_model
@@ -98,6 +100,40 @@ def test_a_take_that_the_first_likelihood_refuses_is_named_by_the_second():
         assert (given == own).mean() > 0.9
         shares = [one.fraction for one in told]
         assert shares == sorted(shares) and 0.5 < shares[-1] < 1, "it is named twice"
+
+
+@pytest.mark.parametrize(("first_refuses", "sure", "kept"), [(True, False, 0), (True, True, 1), (False, True, 0)])
+def test_the_likelier_of_two_is_kept_though_it_refuses_the_take_where_frames_are_not_sure(
+    monkeypatch, first_refuses, sure, kept
+):
+    """The first is the likelier; single frames are `sure` by the second alone."""
+    model, first_likelihood = open_model("body39"), open_model("body39").likelihood
+    asked = ("first", "second")
+
+    def named(take, tracklet, one, _):
+        yield from ()
+        labels = Labels.none(*take.xyz.shape[:2])
+        second = one.likelihood is not first_likelihood
+        return NamedFrames(take, tracklet, one, None, None, labels, True, None, sure and second)
+
+    def whole(frames, _):
+        yield from ()
+        second = frames.model.likelihood is not first_likelihood
+        fit = SimpleNamespace(log_likelihood=8.0 - second)
+        return SimpleNamespace(fit=fit, which=asked[second]), "its own"
+
+    def refuse(_, solution, *__):
+        if first_refuses and solution.which == "first":
+            raise refusals.UnsuitedError("says too little")
+
+    for name, stub in (("name_frames", named), ("as_a_whole", whole), ("refuse_named", refuse)):
+        monkeypatch.setattr(pipeline, name, stub)
+    monkeypatch.setattr(pipeline, "decided_of", lambda frames, *_: f"doubts {frames.other.which}")
+    take = anonymous(walker("body39", 3, [Act(FRAMES / 60)])[:FRAMES])
+    work = pipeline._likelier(take, cut(take.xyz, take.rate), model, PointOptions("likelihood"))
+    _, solution, verdict = finished(work)
+    assert solution.which == asked[kept]
+    assert verdict == ("doubts first" if kept else "its own")
 
 
 @pytest.mark.parametrize("laned", [False, True])

@@ -32,7 +32,7 @@ from .likeness import LIKENESS, NO_EVIDENCE, changed, of_frames, steadiest
 from .matching import leading
 from .objective import OBJECTIVE
 from .pairs import PairDistances, in_take
-from .pipeline import PointOptions, as_a_whole, begins, name_frames
+from .pipeline import PointOptions, as_a_whole, begins, name_frames, refuse_named
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
@@ -107,6 +107,7 @@ def _solved(model: Model, window: Window, known: bool = False) -> WindowNames:
         frames = yield from name_frames(take, cut(take.xyz, take.rate), model, options)
         frames = replace(frames, shown=window.shown if known else None)
         solution, verdict = yield from as_a_whole(frames, options)
+        refuse_named(frames, solution, verdict, options)
         marker = verdict.labels.marker
         if solution is None:
             return marker, marker

@@ -248,7 +248,7 @@ class Objective:
         gain += (new.layout - old.layout) / LIKENESS.max_samples
         if new.settled is None or old.settled is None:
             return gain
-        one, other = (naming.placed[self._shown, :, 0] for naming in (new, old))
+        one, other = (naming.placed[self._shown, : self.markers, 0] for naming in (new, old))
         moved = ((one != other) & (np.isfinite(one) | np.isfinite(other))).sum(axis=1)
         return gain + OBJECTIVE.shape * float(clipped(new.settled.score - old.settled.score, moved))
 

@@ -172,6 +172,8 @@ class NamedFrames:
     shown: np.ndarray | None = None
     # in how many frames the subject may be, of which its markers are in some; None where that is all of the take
     occupied: int | None = None
+    # what the take comes to by the model's other likelihood where that is likelier, but refuses it
+    other: Solution | None = None
 
     @property
     def by_motion(self) -> bool:
@@ -212,9 +214,11 @@ def _likelier(
 ) -> Steps[tuple[NamedFrames, Solution | None, Verdict]]:
     """What frames say, and what the take as a whole comes to; where frames are not sure, by the model's second, too.
 
-    Of both likelihoods that is kept by which the markers sit likelier. UnsuitedError where each refuses the take.
+    Of both likelihoods that is kept by which the markers sit likelier, also where it alone would refuse the take. Where
+    it does and frames are sure by the other, that one is kept, and what it names otherwise is not sure. UnsuitedError
+    where each refuses the take.
     """
-    found, refusals, asked = [], [], [model]
+    found, fitting, refusals, asked = [], [], [], [model]
     if model.second is not None and options.method == "likelihood":
         asked.append(replace(model, likelihood=model.second))
     for one in asked:
@@ -223,13 +227,25 @@ def _likelier(
             # In frames that show nothing nobody is, so of no marker they say that it is seldom there.
             frames = replace(frames, occupied=int(np.count_nonzero(points_at_a_time(take.xyz))))
             found.append((frames, *(yield from as_a_whole(frames, options))))
+            refuse_named(*found[-1], options)
+            fitting.append(found[-1])
         except UnsuitedError as error:
             refusals.append(error)
-        if (found and found[-1][0].sure) or any(isinstance(error, SubjectsError) for error in refusals):
+        if (fitting and fitting[-1][0].sure) or any(isinstance(error, SubjectsError) for error in refusals):
             break
-    if not found:
+    if not fitting:
         raise refusals[0]
-    return max(found, key=lambda one: NO_FIT.log_likelihood if one[1] is None else one[1].fit.log_likelihood)
+    # Who says less of a take is refused sooner, and is not wrong for that.
+    likely, fits = max(found, key=_log_likelihood), max(fitting, key=_log_likelihood)
+    if likely is fits or not fitting[-1][0].sure or likely[1] is None or fits[1] is None:
+        return likely
+    frames = replace(fits[0], other=likely[1])
+    return frames, fits[1], decided_of(frames, frames.labels, tracklet, fits[1], options.target)
+
+
+def _log_likelihood(one: tuple[NamedFrames, Solution | None, Verdict]) -> float:
+    """How likely the markers sit as they are named."""
+    return NO_FIT.log_likelihood if one[1] is None else one[1].fit.log_likelihood
 
 
 def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]:
@@ -337,17 +353,24 @@ def _named(
 def as_a_whole(
     frames: NamedFrames, options: PointOptions, solution: Solution | None = None
 ) -> Steps[tuple[Solution | None, Verdict]]:
-    """The names that the take as a whole bears out, by a solution; JobError where it is not of the model's markers."""
-    named, tracklet, target = frames.labels, frames.tracklet, options.target
+    """The names that the take as a whole bears out, by a solution."""
+    named, tracklet = frames.labels, frames.tracklet
     yield Stage("vote", "solve the whole take" if frames.solvable else "let trajectories vote")
     if solution is None:
         solution = yield from solution_for(frames, named, tracklet)
-    verdict = decided_of(frames, named, tracklet, solution, target)
-    if not options.force:
-        # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
-        usual = verdict if target == USUAL_TARGET else decided_of(frames, named, tracklet, solution, USUAL_TARGET)
-        refuse_solved(frames, solution, usual.labels)
-    return solution, verdict
+    return solution, decided_of(frames, named, tracklet, solution, options.target)
+
+
+def refuse_named(frames: NamedFrames, solution: Solution | None, verdict: Verdict, options: PointOptions):
+    """Raises UnsuitedError where a take that is not forced was named `as_a_whole`, and is of another marker set.
+
+    Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
+    """
+    if options.force:
+        return
+    if options.target != USUAL_TARGET:
+        verdict = decided_of(frames, frames.labels, frames.tracklet, solution, USUAL_TARGET)
+    refuse_solved(frames, solution, verdict.labels)
 
 
 def refuse_solved(frames: NamedFrames, solution: Solution | None, usual: Labels):
@@ -364,7 +387,7 @@ def solution_for(
     if not frames.solvable:
         return None
     given = frames.take.xyz, tracklet, named, frames.model, frames.take.rate
-    return (yield from solve_take(*given, rulings, frames.occupied, frames.search, frames.shown))
+    return (yield from solve_take(*given, rulings, frames.occupied, frames.sure, frames.search, frames.shown))
 
 
 def decided_of(
@@ -376,6 +399,8 @@ def decided_of(
     as they are, whatever the target.
     """
     take, names = frames.take, frames.model.markerset.markers
+    if solution is not None and frames.other is not None:
+        solution = solution.doubted(frames.other)
     given = solution, named, tracklet, frames.model, target, take.first_frame, take.lanes
     if frames.by_motion:
         labels = named.whole()

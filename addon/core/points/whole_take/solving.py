@@ -56,6 +56,7 @@ def solve_take(
     rate: float,
     rulings: Rulings | None = None,
     occupied: int | None = None,
+    sure: bool = True,
     search: Moves = "all",
     shown: np.ndarray | None = None,
 ) -> Generator[float, None, Solution]:
@@ -63,9 +64,10 @@ def solve_take(
 
     named is what frames say on their own, of which the likeliest names are begun with. The model has a likelihood.
     Yields the share that is done. `rulings` is what a person said, whose tracklets these are: it begins with what the
-    take was solved to without them. `occupied` is in how many frames the subject may be, all of them without it.
-    `search` says which moves are tried on what has spread. `shown` (K, M, 3) m is where the subject's markers were in
-    other frames, NaN where one was not: their distances are known by that.
+    take was solved to without them. `occupied` is in how many frames the subject may be, all of them without it. Frames
+    that are not `sure` on their own know no crowd by the shape alone. `search` says which moves are tried on what has
+    spread. `shown` (K, M, 3) m is where the subject's markers were in other frames, NaN where one was not: their
+    distances are known by that.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     del tracklet  # a long take's is large
@@ -73,7 +75,7 @@ def solve_take(
     if rulings is not None:
         tracklets = rulings.of(tracklets)
         begun = rulings.begun(tracklets)
-    solving = _Solving(points, tracklets, named, model, rate, begun)
+    solving = _Solving(points, tracklets, named, model, rate, begun, sure)
     if shown is not None:
         solving.objective.known = in_take(solving.objective.known, shown)
     if occupied is not None:
@@ -89,10 +91,17 @@ class _Solving:
     """A take on its way to a solution: `marker` (N,) is what is believed so far, extras after the model's own."""
 
     def __init__(
-        self, points: Table, tracklets: Tracklets, named: FrameLabels, model: Model, rate: float, begun: np.ndarray
+        self,
+        points: Table,
+        tracklets: Tracklets,
+        named: FrameLabels,
+        model: Model,
+        rate: float,
+        begun: np.ndarray,
+        sure: bool,
     ):
         self.tracklets, self.marker, self.markers = tracklets, begun, len(model.markerset)
-        self.crowd = is_crowd(tracklets, self.markers, rate)
+        self.crowd = sure and is_crowd(tracklets, self.markers, rate)
         self.objective = Objective(points, tracklets, named, model, rate)
         self.best = self.margin = self.odds = np.zeros(0)
 

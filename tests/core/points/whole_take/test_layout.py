@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import JobError
+from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER
 from addon.core.points.likelihood.distances import DistanceConstraints
 from addon.core.points.likelihood.naming import settle
 from addon.core.points.likelihood.shape import Latent, Shape
 from addon.core.points.models import namer_of
 from addon.core.points.refusals import REFUSAL, refuse_unlike
+from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.layout import block_exchanges, named_by_layout
 from addon.core.points.whole_take.objective import usual_fit
+from addon.core.points.whole_take.solving import solve_take
 
 from .test_solving import said, solved_of, told
 
@@ -64,6 +67,8 @@ def test_a_crowd_is_told_from_the_set_where_frames_know_the_trunk_only(model, ma
     assert (given[given != NO_MARKER] == truth[given != NO_MARKER]).all()
     assert (given == truth)[truth != NO_MARKER].mean() > 0.9
     assert solution.fit.residual < REFUSAL.max_residual
+    unsure = finished(solve_take(points, cut(points, 100.0), named, model, 100.0, sure=False))
+    assert not unsure.crowd and unsure.near is not None, "it is searched for what else it may be"
 
 
 @pytest.mark.parametrize("turned", [(1, 2, 0), (2, 0, 1)])

@@ -17,8 +17,8 @@ from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
 from addon.core.points.whole_take.layout_odds import Unmoved
-from addon.core.points.whole_take.likeness import likeness
-from addon.core.points.whole_take.objective import USUAL_FREEDOM, Objective, fullest_frames
+from addon.core.points.whole_take.likeness import LIKENESS, likeness
+from addon.core.points.whole_take.objective import OBJECTIVE, USUAL_FREEDOM, Objective, fullest_frames
 from addon.core.points.whole_take.pairs import PairDistances, in_take, moments, trained_pairs
 from addon.core.points.whole_take.rulings import Rulings
 from addon.core.points.whole_take.search import Search
@@ -225,6 +225,34 @@ def test_what_had_the_name_of_an_extra_that_takes_it_may_be_nothing(model, marke
     search = Search(objective, truth, USUAL_FREEDOM)
     tried = [one for one in search._exchanges() if (one[truth == extra] == toe).all()]
     assert {int(one[truth == toe][0]) for one in tried} == {NO_MARKER, extra}
+
+
+def test_of_a_marker_and_an_extra_the_shape_knows_what_it_knows_of_one_marker(model, markers):
+    toe, extra = model.markerset.index("LTOE"), len(model.markerset)
+    points, whose = np.concatenate([markers, markers[:, [toe]] + [0.3, 0.0, 0.3]], axis=1), np.arange(extra + 1)
+    objective, truth = objective_of(model, points, whose)
+    objective.extras = 1
+    order = np.arange(extra + 1)
+    order[[toe, extra]] = extra, toe
+    right, wrong = objective.of(truth), objective.of(order[truth])
+    by_distances = (wrong.total - right.total) / objective.length
+    by_distances += (wrong.layout - right.layout) / LIKENESS.max_samples
+    lost = by_distances - objective.gain(wrong, right)
+    assert lost == pytest.approx(OBJECTIVE.shape * OBJECTIVE.max_marker)
+
+
+def test_what_another_solution_names_otherwise_is_not_sure_but_what_a_person_named(model, markers):
+    points, whose = pieces(markers, hidden=0)
+    solution = solved_of(model, points, said(points, whose, True))
+    one, other = (model.markerset.index(name) for name in LEFT_WRIST)
+    turned = replace(solution, marker=exchanged(model, *LEFT_WRIST)[solution.marker])
+    assert (solution.margin > 0).all()
+    assert ((solution.doubted(turned).margin == 0) == np.isin(solution.marker, (one, other))).all()
+    held = np.where(solution.marker == one, one, NO_MARKER)
+    sure = replace(solution, tracklets=replace(solution.tracklets, held=held)).doubted(turned)
+    assert ((sure.margin == 0) == (solution.marker == other)).all()
+    gone = replace(solution, marker=np.where(solution.marker == one, NO_MARKER, solution.marker))
+    assert (solution.doubted(gone).margin == solution.margin).all(), "it is nowhere by the other"
 
 
 def test_what_has_the_name_of_one_that_is_seldom_there_changes_it_and_the_name_is_given_again_or_not(model, markers):
