@@ -93,10 +93,11 @@ def test_a_set_that_would_be_refused_makes_another_unsure(monkeypatch):
         finished(model_worn(standing(drawn("body39")), None, {model: model.markerset.name for model in KNOWN}))
 
 
-def test_a_smaller_set_is_not_sure_where_one_that_lacks_markers_is_likelier():
-    some = open_model("body39").markerset.markers
-    away = [some[place] for place in np.random.default_rng(0).permutation(len(some))[:8]]
-    worn, likely = finished(set_worn(standing(without("body39", *away)), KNOWN))
+@pytest.mark.parametrize(("name", "lacks"), [("body39", 8), ("actor53", 6)])
+def test_a_smaller_set_is_not_sure_where_one_that_lacks_markers_is_likelier(name, lacks):
+    some = open_model(name).markerset.markers
+    away = [some[place] for place in np.random.default_rng(0).permutation(len(some))[:lacks]]
+    worn, likely = finished(set_worn(standing(without(name, *away)), KNOWN))
     assert worn is None and likely
 
 
