@@ -286,9 +286,11 @@ def _begun(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingSet
     """
     frames = yield from name_frames(take, tracklet, model, PointOptions("likelihood", traced=True, search="none"))
     solution = finished(solution_for(frames, frames.labels, tracklet))
-    fitting = _fitting(model, frames, solution)
-    few = solution is not None and fitting.there.mean() < 1 - _may_lack(model, WORN.max_unfound)
-    return None if few else fitting
+    if solution is not None:
+        marker = solution.tracklets.spread(solution.marker, NO_MARKER, slice(None))
+        if _there(marker, len(model.markerset)).mean() < 1 - _may_lack(model, WORN.max_unfound):
+            return None
+    return _fitting(model, frames, solution)
 
 
 def _searched(begun: FittingSet) -> Steps[FittingSet]:
