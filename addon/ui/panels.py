@@ -36,9 +36,8 @@ from .parts import (
 )
 
 FORMATS = "3D points, blobs with their calibration, a .qtm or pictures"
-PART_WIDTH = (
-    0.35  # of the sidebar's, for a part of the body beside its bone; where both have no room they are in two rows
-)
+# Of the sidebar's, for a part of the body beside its bone; where both have no room they are in two rows.
+PART_WIDTH = 0.35
 FIELD_ICONS = 6  # letters that the icons in the field of a bone take
 TEACH = "To teach a marker set of your own, open a take of it that has names, such as a standing trial"
 

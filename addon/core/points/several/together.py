@@ -339,8 +339,10 @@ def _said_of_left(crowd: Crowd, found: Everybody, edited: Edited) -> np.ndarray:
     worn, left = found.worn, list(found.unidentified)
     whose = np.repeat(np.arange(len(worn.subjects)), [len(one.model.markerset) for one in worn.subjects])
     given = np.zeros((len(crowd), len(worn.subjects)), bool)
+    if not left:
+        return given
     named = np.append(whose, NO_BODY)[found.verdict.labels.marker]
-    there = np.stack([(named == one).any(axis=1) for one in range(len(worn.subjects))], axis=1) if left else given
+    there = np.stack([(named == one).any(axis=1) for one in range(len(worn.subjects))], axis=1)
     while left:
         for one in left:
             own = edited.named & np.append(one.tracklets, False)[crowd.tracklet]

@@ -350,14 +350,11 @@ def _named(
     return Labels.join(parts)
 
 
-def as_a_whole(
-    frames: NamedFrames, options: PointOptions, solution: Solution | None = None
-) -> Steps[tuple[Solution | None, Verdict]]:
+def as_a_whole(frames: NamedFrames, options: PointOptions) -> Steps[tuple[Solution | None, Verdict]]:
     """The names that the take as a whole bears out, by a solution."""
     named, tracklet = frames.labels, frames.tracklet
     yield Stage("vote", "solve the whole take" if frames.solvable else "let trajectories vote")
-    if solution is None:
-        solution = yield from solution_for(frames, named, tracklet)
+    solution = yield from solution_for(frames, named, tracklet)
     return solution, decided_of(frames, named, tracklet, solution, options.target)
 
 
